@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from kreisel.array.tray import TrayOutcome, calibrate_tray
+from kreisel.array.tray import calibrate_tray
+from kreisel.array.tray_outcome import TrayOutcome
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.device_axes import linearised, vector_of
 from kreisel.calibration.result import Calibration

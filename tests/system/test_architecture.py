@@ -134,6 +134,7 @@ THROUGH = {
     "kreisel.formats.imu_lines": "tests/system/test_handing_on.py",
     "kreisel.formats.kuka_trace_text": "tests/unit/formats/test_kuka_trace.py",
     "kreisel.formats.playback": "tests/system/test_replay.py",
+    "kreisel.array": "tests/system/test_tray.py",  # in a process of its own
     "kreisel.dashboard.serving": "tests/system/test_watch.py",  # in a process of its own
     "kreisel.dashboard.message": "tests/system/test_watch.py",  # the type of what is sent
     "kreisel.dashboard.patience": "tests/system/test_watch.py",  # a class of the server's, in a process of its own

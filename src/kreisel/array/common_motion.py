@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Indices
+from kreisel.geometry.rotation import Array, Indices, skew
 from kreisel.inertial.correction import Block, corrected
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.inertial.slopes import LocalCubics, local_cubics, usual_interval
@@ -15,9 +15,13 @@ from kreisel.inertial.slopes import LocalCubics, local_cubics, usual_interval
 _STEP = 1e-5
 """SI; step of the difference quotients by the parameters. Chosen: they are linear or bilinear; rounding is 1e-11."""
 
-_PARTS, _LENGTH = 48, 400
-"""Parts of a recording, and samples of each, that show what errors of a calibration do. Chosen: 20,000 samples give
-second moments of the motion to a per cent, and deviations need no more."""
+_PARTS, _LENGTH = 32, 256
+"""Parts of a recording, and samples of each, that show what errors of a calibration do. Chosen: 8,000 samples give
+second moments of the motion to two per cent, and deviations need no more."""
+
+_MEAN = 0.04
+"""Seconds over which motion and readings are averaged. Chosen: an arm's motion changes little in less, and noise of the
+angular acceleration, which pulls lever arms together, falls with the cube of it."""
 
 
 @dataclass(frozen=True)
@@ -48,44 +52,110 @@ class BodyMotion:
 
 
 @dataclass(frozen=True)
-class MotionErrors:
-    """What errors of a calibration do to the motion that it shows, at some of the times.
+class MeanMotion:
+    """Means of the motion over rows of some samples each: what readings without effects are linear in.
 
     Attributes
     ----------
-    samples : (m,)
-    rates, angular_accelerations, forces : (m, 3, p)
+    width
+        Samples of a row.
+    seconds : (m,)
+    rates, forces : (m, 3)
+    field : (m, 3, 3)
+        [alpha x] + [omega x]^2.
+    rate_slopes, force_slopes, field_slopes
+        Their time derivatives.
+    """
+
+    width: int
+    seconds: Array
+    rates: Array
+    forces: Array
+    field: Array
+    rate_slopes: Array
+    force_slopes: Array
+    field_slopes: Array
+
+    @classmethod
+    def of(cls, motion: BodyMotion) -> MeanMotion:
+        """Return the means of a motion."""
+        width = max(1, round(_MEAN / float(np.median(np.diff(motion.seconds)))))
+        field = _field(motion.rates, motion.angular_accelerations)
+        slopes = motion.cubics.slopes
+        whole = (
+            motion.seconds, motion.rates, motion.forces, field, motion.angular_accelerations, slopes(motion.forces),
+            slopes(field.reshape(-1, 9)).reshape(-1, 3, 3),
+        )  # fmt: skip
+        return cls(width, *(averaged(part, width) for part in whole))
+
+    @property
+    def row(self) -> float:
+        """Seconds of a row."""
+        return float(np.median(np.diff(self.seconds)))
+
+
+def averaged(values: Array, width: int) -> Array:
+    """Return means (n / width, …) over rows of so many samples (n, …); a last row that is not whole is left out."""
+    n = len(values) // width
+    return np.asarray(values[: n * width].reshape(n, width, *values.shape[1:]).mean(axis=1))
+
+
+def _field(rates: Array, angular_accelerations: Array) -> Array:
+    """Return [alpha x] + [omega x]^2, (n, 3, 3)."""
+    W = skew(rates)
+    return np.asarray(skew(angular_accelerations) + W @ W)
+
+
+@dataclass(frozen=True)
+class MotionErrors:
+    """What errors of a calibration do to the motion that it shows, in some of the rows of `MeanMotion`.
+
+    Attributes
+    ----------
+    rows : (m,)
+    rates, forces, field : (m, 3, p), (m, 3, p), (m, 3, 3, p)
         Changes for a unit of each parameter.
     """
 
-    samples: Indices
+    rows: Indices
     rates: Array
-    angular_accelerations: Array
     forces: Array
+    field: Array
 
     @classmethod
-    def of(cls, raw: Block, moved: Callable[[Array], SensorParameters], count: int) -> MotionErrors:
-        """Return the changes; `moved` returns the parameters moved by changes (count,) of the estimated ones."""
-        samples = _excerpt(len(raw))
+    def of(cls, raw: Block, moved: Callable[[Array], SensorParameters], count: int, width: int) -> MotionErrors:
+        """Return the changes.
+
+        Parameters
+        ----------
+        moved
+            Returns the parameters moved by changes (count,) of the estimated ones.
+        width
+            Samples of a row.
+        """
+        rows = _excerpt(len(raw) // width, max(1, _LENGTH // width))
+        samples = (rows[:, None] * width + np.arange(width)).ravel()
         part = Block(
             raw.stamps[samples], raw.rates[samples], raw.forces[samples],
             None if raw.temperature_difference is None else raw.temperature_difference[samples],
         )  # fmt: skip
         columns = []
         for unit in np.eye(count):
-            high, low = (BodyMotion.of(part, moved(sign * _STEP * unit)) for sign in (1.0, -1.0))
-            columns.append(
-                [
-                    (getattr(high, name) - getattr(low, name)) / (2.0 * _STEP)
-                    for name in ("rates", "angular_accelerations", "forces")
-                ]
-            )
-        return cls(samples, *(np.stack([column[k] for column in columns], axis=2) for k in range(3)))
+            high, low = (_means(part, moved(sign * _STEP * unit), width) for sign in (1.0, -1.0))
+            columns.append([(a - b) / (2.0 * _STEP) for a, b in zip(high, low, strict=True)])
+        return cls(rows, *(np.stack([column[k] for column in columns], axis=-1) for k in range(3)))
 
 
-def _excerpt(n: int) -> Indices:
-    """Return samples of parts spread evenly over n."""
-    if n <= _PARTS * _LENGTH:
+def _means(raw: Block, sensors: SensorParameters, width: int) -> tuple[Array, Array, Array]:
+    """Return the means of rates, forces and the field that raw readings show."""
+    motion = BodyMotion.of(raw, sensors)
+    field = _field(motion.rates, motion.angular_accelerations)
+    return averaged(motion.rates, width), averaged(motion.forces, width), averaged(field, width)
+
+
+def _excerpt(n: int, length: int) -> Indices:
+    """Return rows of parts spread evenly over n."""
+    if n <= _PARTS * length:
         return np.arange(n)
-    starts = np.round(np.linspace(0, n - _LENGTH, _PARTS)).astype(int)
-    return np.asarray((starts[:, None] + np.arange(_LENGTH)).ravel())
+    starts = np.round(np.linspace(0, n - length, _PARTS)).astype(int)
+    return np.unique((starts[:, None] + np.arange(length)).ravel())

@@ -7,20 +7,21 @@ all units; each of them costs a linear fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from kreisel.array.common_motion import BodyMotion, MotionErrors
 from kreisel.array.mean_imu import Aligned, MeanImu, align, gains_of
 from kreisel.array.mount_watch import Turn, turn_of
 from kreisel.array.relative_pose import RelativePose, relative_pose
 from kreisel.array.resampled import Resampled, resampled
+from kreisel.array.tray_outcome import TrayOutcome, UnitOutcome
 from kreisel.array.tray_result import mover_of, own_covariance, spread_of, unit_calibration
 from kreisel.array.unit_clock import clock_of
-from kreisel.array.unit_fit import UnitFit, fit_unit
+from kreisel.array.unit_fit import Common, UnitFit, fit_unit
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
@@ -41,94 +42,15 @@ from kreisel.validation.checks import check_streams
 _ROOM = 1 << 29
 """Bytes of readings that are kept; others are read again. Chosen: sixteen units of an hour, or 50 of ten minutes."""
 
+_TOGETHER = 4
+"""Units that are read and fitted at the same time. Chosen: 0.2 GB for ten minutes."""
+
 _PASSING = ("gyro_gauss_markov", "accel_gauss_markov")
 
 MIN_UNITS = 3
 """Units among which one that disagrees with the others can be named."""
 
 _NEEDED = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
-
-
-@dataclass(frozen=True)
-class UnitOutcome:
-    """One unit of a tray.
-
-    Attributes
-    ----------
-    share : (2,)
-        Of gyros and accelerometers in the mean.
-    turn
-        Its turn on its mount during the recording, where there was one.
-    """
-
-    name: str
-    calibration: Calibration
-    fit: UnitFit
-    share: Array
-    turn: Turn | None
-
-
-@dataclass(frozen=True)
-class TrayOutcome:
-    """The units of a tray, the mean by which they were calibrated, and which could not be used, with the reasons.
-
-    Attributes
-    ----------
-    poses
-        Where the units lie against the first one, by name.
-    gain : (2,)
-        How many equal units have the noise of the mean, of gyros and accelerometers.
-    """
-
-    recording: Recording
-    mean: Outcome
-    units: tuple[UnitOutcome, ...]
-    left_out: tuple[tuple[str, str], ...]
-    poses: dict[str, RelativePose]
-    gain: Array
-
-    @property
-    def reference(self) -> str:
-        """The unit in whose axes the others' places are given."""
-        return self.units[0].name
-
-    @property
-    def clocks(self) -> dict[str, Clock]:
-        """Clocks of the other units by name: seconds of the reference unit from those of a unit, each from its first."""
-        base = self.units[0].fit.clock
-        return {unit.name: _against(base, unit.fit.clock) for unit in self.units[1:]}
-
-    def _clock_document(self, name: str) -> dict[str, float]:
-        """Return what `array.yaml` says of a unit's clock."""
-        clock = self.clocks[name]
-        first = {unit.name: unit.calibration.recording for unit in self.units}
-        begin, own = first[self.reference], first[name]
-        offset = 0.0
-        if begin is not None and own is not None and begin.begin_ns is not None and own.begin_ns is not None:
-            offset = clock.offset(begin.begin_ns, own.begin_ns)
-        found = {"offset": offset, "offset_sd": clock.start_sd, "skew": clock.skew, "skew_sd": clock.skew_sd}
-        return {name: float(value) for name, value in found.items()}
-
-    @property
-    def array_document(self) -> dict[str, object]:
-        """The content of `array.yaml`."""
-        return {
-            "schema": "kreisel-array-1",
-            "reference": self.reference,
-            "axes": "of the reference unit: z along the sensitive axis of accelerometer z, y in the plane of y and z; "
-            "origin in the middle of its accelerometers; rotation turns vectors of a unit into them",
-            "clock": "t_reference = t + offset + skew (t - first t), stamps of the reference unit and of a unit, s",
-            "imus": {name: {**pose.document, "clock": self._clock_document(name)} for name, pose in self.poses.items()},
-            "left_out": dict(self.left_out),
-        }
-
-
-def _against(base: Clock, own: Clock) -> Clock:
-    """Return the clock of a unit against that of the base unit, both given against a third one."""
-    start, skew = base.reference_time(np.array([own.start]))[0], (1.0 + own.skew) / (1.0 + base.skew) - 1.0
-    return Clock(
-        float(start), skew, float(np.hypot(base.start_sd, own.start_sd)), float(np.hypot(base.skew_sd, own.skew_sd))
-    )
 
 
 def calibrate_tray(
@@ -157,13 +79,13 @@ def calibrate_tray(
         If the recording cannot be used, or no two units move together.
     """
     _check(settings)
-    tray = _Tray.of(_Kept(read), names, progress)
+    tray = _Tray.of(_Kept(read), names, progress, executor)
     turned: dict[str, Turn] = {}
     while True:
         mean = run_calibration(
             tray.mean_recording(), settings, progress, executor=executor, validate=validate, budget=True
         )
-        found = _fitted(tray, mean, progress)
+        found = _fitted(tray, mean, progress, executor)
         worst = max(
             (name for name in found.turns if name not in turned), key=lambda n: found.turns[n].weight, default=None
         )
@@ -171,7 +93,7 @@ def calibrate_tray(
             break
         turned[worst] = found.turns[worst]
         tray.take_out(worst)
-    return _outcome(tray, mean, found, turned)
+    return _outcome(tray, mean, found, turned, executor)
 
 
 def _check(settings: CalibrationSettings) -> None:
@@ -212,26 +134,25 @@ class _Tray:
         self.in_mean = set(units)
 
     @classmethod
-    def of(cls, read: _Kept, names: Sequence[str], progress: Progress | None) -> _Tray:
+    def of(cls, read: _Kept, names: Sequence[str], progress: Progress | None, executor: Executor) -> _Tray:
         """Return the tray; units that cannot be used are left out with the reason."""
         base = read(names[0])
         times = base.imu.seconds
-        mean, units, left_out = MeanImu(times), {}, {}
+        mean = MeanImu(times)
+        units: dict[str, Aligned] = {}
+        left_out: dict[str, str] = {}
         own = resampled(base.imu, Clock(0.0), times)
-        for k, name in enumerate(names):
+        for group in _groups(names):
             if progress is not None:
-                progress("bring units together", k / len(names))
-            try:
-                imu = read(name).imu
-                clock = Clock(0.0) if k == 0 else clock_of(imu, base.imu)
-                readings = own if k == 0 else resampled(imu, clock, times)
-                units[name] = align(name, imu, clock, readings, own)
-            except KreiselError as error:
-                if k == 0:
-                    raise
-                left_out[name] = _words(error)
-                continue
-            mean.add(units[name], readings)
+                progress("bring units together", names.index(group[0]) / len(names))
+            for name, found in zip(
+                group, executor([partial(_brought, read, base, own, name) for name in group]), strict=True
+            ):
+                if isinstance(found, str):
+                    left_out[name] = found
+                else:
+                    units[name], readings = found
+                    mean.add(units[name], readings)
         if len(units) < 2:
             reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
             raise RecordingError(
@@ -293,36 +214,66 @@ class _Fitted:
     failed: dict[str, str]
 
 
-def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None) -> _Fitted:
+def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None, executor: Executor) -> _Fitted:
     """Return the fits of all units by the mean's motion."""
     imu, calibration = mean.preparation.recording.imu, mean.calibration
     warmth = imu.temperature_difference
     raw = Block(imu.seconds, imu.rates, imu.accelerations, warmth)
-    motion = BodyMotion.of(raw, calibration.sensors)
-    errors = MotionErrors.of(raw, *mover_of(calibration))
+    common = Common.of(raw, calibration.sensors, *mover_of(calibration))
     sizes = _sizes(calibration)
     # the mean's seconds may be those of the reference, or begin later
     own = tray.base.imu
     shift = 1e-9 * float(int(imu.stamps_ns[0]) - int(own.stamps_ns[0]))
     scale = float(imu.seconds[-1]) / (1e-9 * float(int(imu.stamps_ns[-1]) - int(imu.stamps_ns[0])))
-    fits, turns, failed = {}, {}, {}
-    for k, (name, unit) in enumerate(tray.units.items()):
-        if progress is not None:
-            progress("fit units", k / len(tray.units))
-        clock = unit.clock
-        clock = Clock((clock.start - shift) * scale, (1.0 + clock.skew) * scale - 1.0)
+    fits: dict[str, UnitFit] = {}
+    failed: dict[str, str] = {}
+
+    def fitted(name: str) -> UnitFit | str:
+        unit = tray.units[name]
+        clock = Clock((unit.clock.start - shift) * scale, (1.0 + unit.clock.skew) * scale - 1.0)
         try:
-            fits[name] = fit_unit(
-                tray.recording(name).imu, clock, motion, errors, _start(calibration.sensors, unit), sizes,
-                imu.usual_temperature,
-            )  # fmt: skip
+            start = _start(calibration.sensors, unit)
+            return fit_unit(tray.recording(name).imu, clock, common, start, sizes, imu.usual_temperature)
         except KreiselError as error:
-            failed[name] = _words(error)
-            continue
-        turn = turn_of(fits[name].parts)
-        if turn is not None:
-            turns[name] = turn
+            return _words(error)
+
+    names = list(tray.units)
+    for group in _groups(names):
+        if progress is not None:
+            progress("fit units", names.index(group[0]) / len(names))
+        for name, found in zip(group, executor([partial(fitted, name) for name in group]), strict=True):
+            if isinstance(found, str):
+                failed[name] = found
+            else:
+                fits[name] = found
+    turns = {name: turn for name, fit in fits.items() if (turn := turn_of(fit.parts)) is not None}
     return _Fitted(fits, turns, failed)
+
+
+def _groups(names: Sequence[str]) -> Iterator[Sequence[str]]:
+    """Return names in groups whose readings have room at the same time."""
+    return (names[k : k + _TOGETHER] for k in range(0, len(names), _TOGETHER))
+
+
+def _brought(read: _Kept, base: Recording, own: Resampled, name: str) -> tuple[Aligned, Resampled] | str:
+    """Return how a unit is brought to the base unit's readings, and those that are; or why it cannot be.
+
+    Raises
+    ------
+    KreiselError
+        For the base unit itself.
+    """
+    imu = base.imu
+    alone = name == imu.source.parent.name
+    try:
+        imu = imu if alone else read(name).imu
+        clock = Clock(0.0) if alone else clock_of(imu, base.imu)
+        readings = own if alone else resampled(imu, clock, base.imu.seconds)
+        return align(name, imu, clock, readings, own), readings
+    except KreiselError as error:
+        if alone:
+            raise
+        return _words(error)
 
 
 def _sizes(calibration: Calibration) -> dict[str, int]:
@@ -345,19 +296,21 @@ def _start(mean: SensorParameters, aligned: Aligned) -> SensorParameters:
     return SensorParameters(mean.K_omega @ C_w[:, :3], k_w, mean.K_a @ C_a[:, :3], k_a, mean.lever_arms.copy(), others)
 
 
-def _outcome(tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn]) -> TrayOutcome:
+def _outcome(tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn], executor: Executor) -> TrayOutcome:
     """Return calibrations and relative poses of all units."""
     prepared = mean.preparation.recording.imu
     seconds = float(prepared.seconds[-1])
     clock, shares = mean.estimate.run.parameters.clock, tray.shares()
-    turns = found.turns | turned
-    units = []
-    for name, fit in found.fits.items():
+    turns = turned | found.turns  # those of the last fit are against a mean without them
+
+    def concluded(name: str) -> UnitOutcome:
+        fit, own, turn = found.fits[name], tray.recording(name), turns.get(name)
         spread = spread_of(fit, mean.calibration, seconds)
-        turn = turns.get(name)
-        own = tray.recording(name)
         calibration = unit_calibration(fit, mean.calibration, own, spread, _verdict(mean, turn), own.warnings, clock)
-        units.append(UnitOutcome(name, calibration, fit, shares[name], turn))
+        return UnitOutcome(name, calibration, fit, shares[name], turn)
+
+    groups = _groups(list(found.fits))
+    units = [unit for group in groups for unit in executor([partial(concluded, name) for name in group])]
     left_out = tuple((tray.left_out | found.failed).items())
     return TrayOutcome(tray.base, mean, tuple(units), left_out, _poses(mean, units), tray.gain)
 

@@ -7,26 +7,31 @@ itself where units count by their noise: it does not pull matrices towards zero.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.array.common_motion import BodyMotion, MotionErrors
+from kreisel.array.common_motion import BodyMotion, MeanMotion, MotionErrors, averaged
 from kreisel.array.resampled import Resampled, resampled
 from kreisel.errors import EstimationError
 from kreisel.geometry.rotation import Array, Indices, Mask, skew
+from kreisel.inertial.correction import Block
 from kreisel.inertial.effects import EFFECTS, RawReadings, features_of, groups_of, places_of
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.recording.recording import ImuSamples
 from kreisel.synchronization.clock import Clock
 
+_SAME_MOMENT = 1e-7
+"""Seconds by which a clock may move without its readings being taken at new moments."""
+
 _ROUNDS = 4
 """Times that the fit is repeated. Chosen: accelerometers are bilinear in axes and positions, and clocks begin within
 milliseconds; the third round moves nothing by a thousandth of a deviation."""
 
-_MEAN = 0.01
-"""Seconds over which rows are averaged. Chosen: an arm moves little in less."""
+_NEW_FEATURES = 2
+"""Rounds in which features of effects are taken anew. Chosen: effects are thousandths of the readings, and the second
+round's parameters are right to a thousandth."""
 
 _GROSS = 6.0
 """Standard deviations beyond which a row is left out. Chosen: none of a million rows of noise is."""
@@ -107,11 +112,28 @@ class _Axis:
     left: Array
 
 
+@dataclass(frozen=True)
+class Common:
+    """The motion of all units, its means, and what errors of its calibration do to it."""
+
+    motion: BodyMotion
+    mean: MeanMotion
+    errors: MotionErrors
+
+    @classmethod
+    def of(
+        cls, raw: Block, sensors: SensorParameters, moved: Callable[[Array], SensorParameters], count: int
+    ) -> Common:
+        """Return the motion that raw readings show with a calibration; `moved` and `count` as for `MotionErrors.of`."""
+        motion = BodyMotion.of(raw, sensors)
+        mean = MeanMotion.of(motion)
+        return cls(motion, mean, MotionErrors.of(raw, moved, count, mean.width))
+
+
 def fit_unit(
     imu: ImuSamples,
     clock: Clock,
-    motion: BodyMotion,
-    errors: MotionErrors,
+    common: Common,
     start: SensorParameters,
     sizes: Mapping[str, int],
     usual_temperature: float | None = None,
@@ -122,8 +144,6 @@ def fit_unit(
     ----------
     clock
         That of the unit against the motion's times, to some milliseconds.
-    errors
-        What the parameters of the motion's calibration do to it.
     start
         Start values.
     sizes
@@ -136,19 +156,25 @@ def fit_unit(
     EstimationError
         If the readings do not determine the parameters.
     """
-    sensors = start
-    layout = _Layout.of(sizes)
-    for _ in range(_ROUNDS):
-        readings = resampled(imu, clock, motion.seconds)
-        rows = _rows(readings, motion, sensors, layout, usual_temperature)
-        solved = _solve(rows, readings.known, motion.seconds, layout.count)
-        sensors, clock = layout.moved(sensors, solved.change), _clock_moved(clock, motion.seconds, solved.change[-2:])
+    sensors, layout, mean, moved = start, _Layout.of(sizes), common.mean, True
+    seconds = common.motion.seconds
+    for number in range(_ROUNDS):
+        if moved:
+            readings = resampled(imu, clock, seconds)
+            raw, whole = _mean_readings(readings, mean.width)
+        if number < _NEW_FEATURES:
+            features = _features(readings, common, sensors, layout, usual_temperature)
+        axes = _rows(raw, features, mean, sensors, layout)
+        solved = _solve(axes, whole, layout.count)
+        moved = float(np.abs(solved.change[-2:]).max()) > _SAME_MOMENT
+        sensors = layout.moved(sensors, solved.change)
+        clock = _clock_moved(clock, mean.seconds, solved.change[-2:])
     J = layout.as_parameters(sensors)
-    factor = _excess(solved, motion.seconds)
+    factor = _excess(solved, mean.row)
     P = factor[:, None] * np.linalg.inv(solved.information) * factor
-    by_motion = -np.linalg.solve(*_response(solved, errors, motion, sensors))
+    by_motion = -np.linalg.solve(*_response(solved, common.errors, sensors))
     deviation = np.sqrt(np.diag(P)[-2:])
-    half = 0.5 * float(motion.seconds[-1] - motion.seconds[0])
+    half = 0.5 * float(mean.seconds[-1] - mean.seconds[0])
     return UnitFit(
         sensors,
         replace(clock, start_sd=float(np.hypot(*deviation)), skew_sd=float(deviation[1]) / half),
@@ -157,8 +183,14 @@ def fit_unit(
         J @ by_motion,
         solved.noise.reshape(2, 3),
         factor,
-        _parts(solved, motion, sensors),
+        _parts(solved, mean, sensors),
     )
+
+
+def _mean_readings(readings: Resampled, width: int) -> tuple[Array, Mask]:
+    """Return means of the six readings over rows, (m, 6), and which rows are whole, (m,)."""
+    whole = averaged(readings.known.astype(float), width) == 1.0
+    return averaged(np.hstack([readings.rates, readings.forces]), width), whole
 
 
 @dataclass(frozen=True)
@@ -194,6 +226,12 @@ class _Layout:
                 order = 1 + self.sizes[group] // 3 if group.endswith("polynomial") else 1
                 effects += parameter_names(group, order)
         return (*NAMES, *effects, "clock.shift", "clock.stretch")
+
+    def values(self, p: SensorParameters, sensor: str) -> Array:
+        """Return the values of a sensor's effects, flat."""
+        own = p.effects
+        groups = groups_of(self.sizes, sensor)
+        return np.concatenate([np.zeros(0), *(np.ravel(own.get(g, np.zeros(self.sizes[g]))) for g in groups)])
 
     def effects_of(self, change: Array) -> dict[str, Array]:
         """Return changes of the effects by group."""
@@ -241,52 +279,59 @@ def _inverse(M: Array) -> Array:
     return np.asarray(np.linalg.inv(M), dtype=float)
 
 
-def _field(motion: BodyMotion) -> Array:
-    """Return [alpha x] + [omega x]^2, (n, 3, 3)."""
+def _features(
+    readings: Resampled, common: Common, p: SensorParameters, layout: _Layout, usual_temperature: float | None
+) -> dict[str, Array]:
+    """Return means of the features of effects, (m, E), by sensor: of the readings that are predicted."""
+    motion, width = common.motion, common.mean.width
+    if not layout.sizes:
+        return dict.fromkeys(("gyroscope", "accelerometer"), np.zeros((common.mean.seconds.size, 0)))
+    G, S = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a)
     W = skew(motion.rates)
-    return np.asarray(skew(motion.angular_accelerations) + W @ W)
+    field = skew(motion.angular_accelerations) + W @ W
+    at = motion.forces[:, None, :] + np.einsum("nkl,jl->njk", field, p.lever_arms)  # force at each accelerometer
+    warm = np.zeros(motion.seconds.size)
+    if readings.temperature is not None and usual_temperature is not None:
+        warm = readings.temperature - usual_temperature
+    shown = RawReadings(
+        motion.seconds, motion.rates @ G.T - p.k_w[0], np.einsum("njk,jk->nj", at, S) - p.k_a[0],
+        motion.cubics.slopes, motion.cubics.curvatures, warm,
+    )  # fmt: skip
+    return {
+        sensor: averaged(features_of(shown, layout.sizes, sensor).T, width) for sensor in ("gyroscope", "accelerometer")
+    }
 
 
 def _rows(
-    readings: Resampled, motion: BodyMotion, p: SensorParameters, layout: _Layout, usual_temperature: float | None
+    raw: Array, features: Mapping[str, Array], mean: MeanMotion, p: SensorParameters, layout: _Layout
 ) -> list[_Axis]:
     """Return the rows of all six axes."""
-    G, S, n = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a), motion.seconds.size
-    field = _field(motion)
-    ideal = motion.rates @ G.T - p.k_w[0]
-    at = motion.forces[:, None, :] + np.einsum("nkl,jl->njk", field, p.lever_arms)  # force at each accelerometer
-    pulled = np.einsum("njk,jk->nj", at, S) - p.k_a[0]
-    warm = np.zeros(n)
-    if readings.temperature is not None and usual_temperature is not None:
-        warm = readings.temperature - usual_temperature
-    shown = RawReadings(motion.seconds, ideal, pulled, motion.cubics.slopes, motion.cubics.curvatures, warm)
-    middle = 0.5 * (motion.seconds[0] + motion.seconds[-1])
-    along = (motion.seconds - middle) / (0.5 * float(motion.seconds[-1] - motion.seconds[0]))
-    one, clock, out = -np.ones((n, 1)), np.array([layout.count - 2, layout.count - 1]), []
-    for sensor, predicted, raw in (
-        ("gyroscope", ideal, readings.rates), ("accelerometer", pulled, readings.forces)
-    ):  # fmt: skip
-        features, places = features_of(shown, layout.sizes, sensor).T, places_of(layout.sizes, sensor)
-        values = np.concatenate([np.zeros(0), *(np.ravel(p.effects.get(g, np.zeros(layout.sizes[g])))
-                                                for g in groups_of(layout.sizes, sensor))])  # fmt: skip
-        slopes = motion.cubics.slopes(predicted)
-        for j in range(3):
-            own = places[:, j] >= 0
-            predicted_j = predicted[:, j] - features[:, own] @ values[places[own, j]]
-            late = slopes[:, j, None] * np.column_stack([np.ones(n), along])
-            if sensor == "gyroscope":
-                first, begin = np.hstack([motion.rates, one]), np.arange(4 * j, 4 * j + 4)
-            else:
-                # s_j . (Omega r) = r . (Omega' s_j)
-                by_arm = np.einsum("nkl,k->nl", field, S[j])
-                first, begin = np.hstack([at[:, j], one, by_arm]), 12 + np.arange(7 * j, 7 * j + 7)
-            out.append(
-                _Axis(
-                    np.hstack([first, -features[:, own], late]),
-                    np.concatenate([begin, layout.begin(sensor) + places[own, j], clock]),
-                    raw[:, j] - predicted_j,
-                )
+    G, S, m = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a), mean.seconds.size
+    at = mean.forces[:, None, :] + np.einsum("nkl,jl->njk", mean.field, p.lever_arms)
+    at_slopes = mean.force_slopes[:, None, :] + np.einsum("nkl,jl->njk", mean.field_slopes, p.lever_arms)
+    predicted = {"gyroscope": mean.rates @ G.T - p.k_w[0], "accelerometer": np.einsum("njk,jk->nj", at, S) - p.k_a[0]}
+    slopes = {"gyroscope": mean.rate_slopes @ G.T, "accelerometer": np.einsum("njk,jk->nj", at_slopes, S)}
+    middle = 0.5 * (mean.seconds[0] + mean.seconds[-1])
+    along = (mean.seconds - middle) / (0.5 * float(mean.seconds[-1] - mean.seconds[0]))
+    one, clock, out = -np.ones((m, 1)), np.array([layout.count - 2, layout.count - 1]), []
+    for k in range(6):
+        sensor, j = ("gyroscope", "accelerometer")[k // 3], k % 3
+        places, values = places_of(layout.sizes, sensor), layout.values(p, sensor)
+        own = places[:, j] >= 0
+        of_effects = features[sensor][:, own]
+        late = slopes[sensor][:, j, None] * np.column_stack([np.ones(m), along])
+        if sensor == "gyroscope":
+            first, begin = np.hstack([mean.rates, one]), np.arange(4 * j, 4 * j + 4)
+        else:  # s_j . (Omega r) = r . (Omega' s_j)
+            by_arm = np.einsum("nkl,k->nl", mean.field, S[j])
+            first, begin = np.hstack([at[:, j], one, by_arm]), 12 + np.arange(7 * j, 7 * j + 7)
+        out.append(
+            _Axis(
+                np.hstack([first, -of_effects, late]),
+                np.concatenate([begin, layout.begin(sensor) + places[own, j], clock]),
+                raw[:, k] - predicted[sensor][:, j] + of_effects @ values[places[own, j]],
             )
+        )
     return out
 
 
@@ -299,17 +344,10 @@ class _Solved:
     noise: Array
     change: Array
     information: Array
-    width: int
 
 
-def _solve(rows: list[_Axis], known: Mask, seconds: Array, count: int) -> _Solved:
+def _solve(axes: list[_Axis], whole: Mask, count: int) -> _Solved:
     """Return the least squares solution; rows far off are left out, and counted by the scatter of the others."""
-    width = max(1, round(_MEAN / float(np.median(np.diff(seconds)))))
-    n = seconds.size // width
-    whole = known[: n * width].reshape(n, width).all(axis=1)
-    axes = [
-        _Axis(_averaged(axis.columns, width), axis.places, _averaged(axis.left[:, None], width)[:, 0]) for axis in rows
-    ]
     noise, change, weights = np.ones(6), np.zeros(count), np.tile(whole.astype(float), (6, 1))
     for step in range(3):
         A, b = np.zeros((count, count)), np.zeros(count)
@@ -327,7 +365,7 @@ def _solve(rows: list[_Axis], known: Mask, seconds: Array, count: int) -> _Solve
             if step:
                 weights[k] = whole & near
             noise[k] = max(float(np.sqrt(np.mean(left[whole & near] ** 2))), 1e-15)
-    return _Solved(axes, weights / noise[:, None] ** 2, noise, change, A, width)
+    return _Solved(axes, weights / noise[:, None] ** 2, noise, change, A)
 
 
 def _solution(A: Array, b: Array) -> Array:
@@ -345,11 +383,6 @@ def _solution(A: Array, b: Array) -> Array:
     if float(np.linalg.eigvalsh(scaled)[0]) < 1e-12:
         raise EstimationError("the motion does not determine its parameters: turn about all axes")
     return np.asarray(np.linalg.solve(scaled, b / size) / size)
-
-
-def _averaged(values: Array, width: int) -> Array:
-    n = len(values) // width
-    return np.asarray(values[: n * width].reshape(n, width, -1).mean(axis=1))
 
 
 def _clock_moved(clock: Clock, seconds: Array, change: Array) -> Clock:
@@ -375,11 +408,10 @@ def _scores(solved: _Solved) -> Array:
     return out
 
 
-def _excess(solved: _Solved, seconds: Array) -> Array:
+def _excess(solved: _Solved, row: float) -> Array:
     """Return factors on the deviations by which they follow the scatter of parts of several lengths, (p,)."""
     inverse = np.linalg.inv(solved.information)
     usual, scores = np.sqrt(np.diag(inverse)), _scores(solved)
-    row = solved.width * float(np.median(np.diff(seconds)))
     factor = np.ones(usual.size)
     for length in _LENGTHS:
         parts = _parted(scores, max(1, round(length / row)))
@@ -391,56 +423,34 @@ def _excess(solved: _Solved, seconds: Array) -> Array:
     return factor
 
 
-def _response(solved: _Solved, errors: MotionErrors, motion: BodyMotion, p: SensorParameters) -> tuple[Array, Array]:
+def _response(solved: _Solved, errors: MotionErrors, p: SensorParameters) -> tuple[Array, Array]:
     """Return information, and the sums of what errors of the motion do to the readings, over an excerpt."""
-    rows = np.unique(errors.samples // solved.width)
-    rows = rows[rows < solved.axes[0].left.size]
-    own = np.flatnonzero(np.isin(errors.samples // solved.width, rows))
-    place = np.searchsorted(rows, errors.samples[own] // solved.width)
-    count = np.bincount(place, minlength=rows.size)[:, None]
-    q, G, S = errors.rates.shape[2], np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a)
-    rates, alphas, forces = (part[own] for part in (errors.rates, errors.angular_accelerations, errors.forces))
-    omega = motion.rates[errors.samples[own]]
+    rows, q = errors.rows, errors.rates.shape[2]
+    G, S = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a)
     A, B = np.zeros((solved.change.size,) * 2), np.zeros((solved.change.size, q))
     for k, axis in enumerate(solved.axes):
         j = k % 3
         if k < 3:
-            moved = np.einsum("mkp,k->mp", rates, G[j])
+            moved = np.einsum("mkp,k->mp", errors.rates, G[j])
         else:
-            moved = np.einsum("mkp,k->mp", forces + _lever_change(omega, rates, alphas, p.lever_arms[j]), S[j])
-        mean = np.zeros((rows.size, q))
-        np.add.at(mean, place, moved)
+            at = errors.forces + np.einsum("mklp,l->mkp", errors.field, p.lever_arms[j])
+            moved = np.einsum("mkp,k->mp", at, S[j])
         X = axis.columns[rows] * solved.weights[k][rows, None]
         A[np.ix_(axis.places, axis.places)] += X.T @ axis.columns[rows]
-        B[axis.places] += X.T @ (mean / count)
+        B[axis.places] += X.T @ moved
     return A, B
 
 
-def _lever_change(omega: Array, rates: Array, alphas: Array, r: Array) -> Array:
-    """Return changes (m, 3, p) of alpha x r + omega x (omega x r) by those of rate and angular acceleration."""
-
-    def cross(a: Array, b: Array) -> Array:
-        return np.cross(a, b, axis=1)
-
-    r3, w3 = r[None, :, None], omega[:, :, None]
-    turned = np.cross(omega, r)[:, :, None]
-    return np.asarray(cross(alphas, r3) + cross(rates, turned) + cross(w3, cross(rates, r3)))
-
-
-def _parts(solved: _Solved, motion: BodyMotion, p: SensorParameters) -> RowParts:
-    """Return sums over parts of the longest length that gives enough of them."""
-    seconds = motion.seconds
-    row = solved.width * float(np.median(np.diff(seconds)))
-    n = solved.axes[0].left.size
-    length = max(1, min(round(_LENGTHS[1] / row), n // 40))
+def _parts(solved: _Solved, mean: MeanMotion, p: SensorParameters) -> RowParts:
+    """Return sums over parts."""
+    n, size = mean.seconds.size, solved.change.size
+    length = max(1, min(round(_LENGTHS[1] / mean.row), n // 40))
     G, S, count = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a), n // length
-    size = solved.change.size
     info, score, cross = np.zeros((2, count, 6, 6)), np.zeros((2, count, 6)), np.zeros((2, count, 6, size))
-    rates, forces = _averaged(motion.rates, solved.width), _averaged(motion.forces, solved.width)
     for k, axis in enumerate(solved.axes):
         triad, j = divmod(k, 3)
         # a turn phi of the unit: raw change g_j . (omega x phi) = phi . (g_j x omega)
-        turned = np.cross(G[j], rates) if triad == 0 else np.cross(S[j], forces)
+        turned = np.cross(G[j], mean.rates) if triad == 0 else np.cross(S[j], mean.forces)
         Z = np.hstack([turned, np.zeros((n, 3))])
         Z[:, 3 + j] = -1.0
         w = solved.weights[k][:, None]
@@ -448,7 +458,7 @@ def _parts(solved: _Solved, motion: BodyMotion, p: SensorParameters) -> RowParts
         info[triad] += _products(Z * w, Z, length)
         score[triad] += _parted(Z * w * left, length)
         cross[triad][:, :, axis.places] += _products(Z * w, axis.columns, length)
-    edges = seconds[0] + row * length * np.arange(count + 1)
+    edges = mean.seconds[0] + mean.row * length * np.arange(count + 1)
     return RowParts(edges, info, score, cross, solved.information, _parted(_scores(solved), length))
 
 

@@ -121,7 +121,6 @@ def calibrate(
 
     Exit status 3 if the result is rejected; with --limits also if it does not conform, and 4 without a decision.
     """
-    from kreisel.array.tray import imu_names
     from kreisel.calibration.calibrate import run_calibration
     from kreisel.calibration.injection import inject as inject_errors
     from kreisel.calibration.limits import limits_named
@@ -173,13 +172,8 @@ def calibrate(
         _statically(read_one, recordings[0], settings, output, within, as_json=json)
         return
     injection: Injection | None = None
-    several = () if imu is not None or columns else imu_names(recordings[0])
-    if len(several) > 1:
-        if inject:
-            raise SettingsError("--inject is for one IMU; choose it with --imu")
-        from kreisel.cli.tray import calibrate_units
-
-        calibrate_units(read_one(recordings[0]), several, settings, output, within, validate=validate, as_json=json)
+    of_one = imu is not None or bool(columns)
+    if not of_one and _all_units(read_one, recordings[0], settings, output, within, (inject, validate, json)):
         return
     with releasing_memory(), progress_bar() as show:
         read = read_one(recordings[0], progress=show)
@@ -192,6 +186,27 @@ def calibrate(
             _save(outcome, output, injection)
     document = _document(outcome, output, injection)
     _end(outcome.calibration, document, partial(_say, outcome, output, injection), within, output, as_json=json)
+
+
+def _all_units(
+    read_one: Callable[..., Recording], path: Path, settings: CalibrationSettings, output: Path | None,
+    within: Limits | None, options: tuple[bool, bool, bool],
+) -> bool:  # fmt: skip
+    """Calibrate all IMUs of a folder, and end with the exit status for them; return False if it holds one.
+
+    options: --inject, --validate and --json.
+    """
+    from kreisel.array.tray import imu_names
+    from kreisel.cli.tray import calibrate_units
+    from kreisel.errors import SettingsError
+
+    names, (inject, validate, as_json) = imu_names(path), options
+    if len(names) < 2:
+        return False
+    if inject:
+        raise SettingsError("--inject is for one IMU; choose it with --imu")
+    calibrate_units(read_one(path), names, settings, output, within, validate=validate, as_json=as_json)
+    return True
 
 
 def _check_together(

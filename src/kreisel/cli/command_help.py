@@ -113,6 +113,10 @@ COMMANDS = {
             "kreisel allan recording/ --in-motion --json",
         ),
     ),
+    "array": CommandHelp(
+        "Locate the IMUs of an array that was moved by hand.",
+        ("kreisel array recording/ -o array",),
+    ),
     "repeat": CommandHelp(
         "Compare calibrations of one device with each other.",
         ("kreisel repeat monday/ tuesday/ wednesday/ -o repeated",),

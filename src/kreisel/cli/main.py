@@ -25,6 +25,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 from kreisel.cli import (  # noqa: E402 - after the environment is set
     allan,
     apply,
+    array,
     batch,
     calibrate,
     certificate,
@@ -113,6 +114,7 @@ _add("gauge", gauge.gauge)
 _add("static", static.static)
 _add("robot", robot.robot)
 _add("allan", allan.allan)
+_add("array", array.array)
 _add("repeat", repeat.repeat)
 _add("compare", compare.compare)
 _add("convert", convert.convert)

@@ -9,7 +9,7 @@ import typer
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from kreisel.array.tray import TrayOutcome
+    from kreisel.array.tray_outcome import TrayOutcome
     from kreisel.calibration.limits import Limits
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.recording.recording import Recording
@@ -97,12 +97,13 @@ def _document(outcome: TrayOutcome, decisions: dict[str, Any], output: Path | No
 
 def _say(outcome: TrayOutcome, decisions: dict[str, Any], output: Path | None) -> None:
     from kreisel.cli.terminal_tables import print_result, print_rows, print_sentences
-    from kreisel.report.tray_page import COLUMNS, POSE_COLUMNS, facts_of, pose_rows, unit_rows
+    from kreisel.report.places import POSE_COLUMNS, pose_rows
+    from kreisel.report.tray_page import COLUMNS, facts_of, unit_rows
 
     print_result(outcome.mean.calibration, outcome.mean.warnings)
     typer.echo(f"the results above are of the mean of {len(outcome.units)} units")
     print_rows(f"{outcome.recording.name}: units", list(COLUMNS), unit_rows(outcome), 3)
-    print_rows(f"places in the axes of {outcome.reference}", list(POSE_COLUMNS), pose_rows(outcome), 1)
+    print_rows(f"places in the axes of {outcome.reference}", list(POSE_COLUMNS), pose_rows(outcome.poses), 1)
     print_sentences(facts_of(outcome))
     for name, decision in decisions.items():
         typer.echo(f"{name}: {decision['sentence']}")

@@ -7,20 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.array.tray import TrayOutcome, UnitOutcome
+from kreisel.array.tray_outcome import TrayOutcome, UnitOutcome
 from kreisel.array.tray_result import OWN
 from kreisel.calibration.data_sheet import OF_A_REFERENCE, QUANTITIES, Quantity
 from kreisel.calibration.result_sections import Measured
-from kreisel.geometry.rotation import Array, from_matrix, log
+from kreisel.geometry.rotation import Array
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, pair
+from kreisel.report.places import places_figure, poses_table
 from kreisel.report.plots import Figure
 from kreisel.report.repeatability_page import bars
 from kreisel.report.template import fill
-from kreisel.units import MM, MRAD, PPM
+from kreisel.units import PPM
 
 COLUMNS = ("unit", "verdict", "serial number", "share of gyros, accelerometers", "clock, ppm")
-POSE_COLUMNS = ("unit", "x, mm", "y, mm", "z, mm", "about x, mrad", "about y, mrad", "about z, mrad")
 
 
 def write_tray(outcome: TrayOutcome, path: Path) -> None:
@@ -33,7 +33,7 @@ def write_tray(outcome: TrayOutcome, path: Path) -> None:
         "kind": "tray",
         "heading": "All units",
         "table_of_groups": units_table(outcome),
-        "further_tables": [poses_table(outcome)],
+        "further_tables": [poses_table(outcome.reference, outcome.poses)],
         "facts": facts_of(outcome),
         "figures": figures,
     }
@@ -63,25 +63,6 @@ def unit_rows(outcome: TrayOutcome) -> list[list[str]]:
     return out
 
 
-def poses_table(outcome: TrayOutcome) -> Table:
-    """Return the table of relative poses."""
-    title = f"Places in the axes of {outcome.reference}, with standard deviations"
-    return Table(title, POSE_COLUMNS, tuple(Row(tuple(cells)) for cells in pose_rows(outcome)), text=1)
-
-
-def pose_rows(outcome: TrayOutcome) -> list[list[str]]:
-    """Return a row for each relative pose."""
-    out = []
-    for name, pose in outcome.poses.items():
-        sd = np.sqrt(np.diag(pose.covariance))
-        turn = log(from_matrix(pose.rotation))
-        values = [*(pose.position / MM), *(turn / MRAD)]
-        out.append(
-            [name, *(pair(float(v), float(s)) for v, s in zip(values, [*(sd[:3] / MM), *(sd[3:] / MRAD)], strict=True))]
-        )
-    return out
-
-
 def facts_of(outcome: TrayOutcome) -> list[str]:
     """Return sentences on all units."""
     facts = [f"{name} is not used: {reason}" for name, reason in outcome.left_out]
@@ -99,7 +80,7 @@ def facts_of(outcome: TrayOutcome) -> list[str]:
 
 def figures_of(outcome: TrayOutcome) -> list[Figure]:
     """Return the figures."""
-    figures = [_places(outcome)] if outcome.poses else []
+    figures = [places_figure(outcome.reference, outcome.poses)] if outcome.poses else []
     names = [unit.name for unit in outcome.units]
     for quantity in QUANTITIES:
         found = [unit.calibration.derived.get(quantity.name) for unit in outcome.units]
@@ -107,20 +88,6 @@ def figures_of(outcome: TrayOutcome) -> list[Figure]:
         if quantity.name not in OF_A_REFERENCE and len(known) == len(found):
             figures.append(_quantity(quantity, known, names))
     return [*figures, _own_share(outcome)]
-
-
-def _places(outcome: TrayOutcome) -> Figure:
-    x, y = (np.array([0.0, *(pose.position[k] / MM for pose in outcome.poses.values())]) for k in (0, 1))
-    texts = [outcome.reference, *outcome.poses]
-    room = 0.1 * max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
-    marks = plots.markers(x, y, "unit", "x", size=9, texts=texts)
-    x_axis = plots.axis(f"x of {outcome.reference}, mm", range=[float(x.min()) - room, float(x.max()) + room])
-    y_axis = plots.axis("y, mm", range=[float(y.min()) - room, float(y.max()) + room])
-    caption = (
-        "Where the middles of the accelerometers lie, in the axes of the first unit; deviations are in the table. "
-        "Good: the drawing of the tray."
-    )
-    return Figure("places", "Places", caption, plots.plot(x_axis, plots.panel([marks], y_axis, equal=True)))
 
 
 def _quantity(quantity: Quantity, found: Sequence[Measured], names: Sequence[str]) -> Figure:

@@ -1,0 +1,328 @@
+"""Positions of the IMUs of a rigid array from readings in motion, without a reference.
+
+At every sample the acceleration of the first IMU, the angular acceleration, and how both change are unknowns of their
+own: products of rates give the scale of positions. With fewer than four IMUs the rates' derivatives count, too, by how
+well they are known. Each IMU may read at a moment of its own, which its gyros show: the difference of its rates from
+the mean, along the angular acceleration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.array.hand_motion import HandMotion
+from kreisel.geometry.rotation import Array, exp, matrix
+
+_JERK, _ANGULAR_JERK = 5e3, 6e4
+"""m/s^3 and rad/s^3: usual sizes of what changes within a sample, as a prior. Chosen: those of the quickest shaking by
+hand."""
+
+_PRIORS = {"position": 1.0, "turn": 1e-2, "arm": 1e-3, "matrix": 2e-3, "lag": 5e-3, "smoothing": 3e-5}
+"""Standard deviations: position (m), turn against the first estimate (rad), position of one accelerometer against that
+of its IMU (m), matrix, lag of accelerometers behind gyros (s), smoothing beyond the gyros' (s^2)."""
+
+_PASSES, _ROBUST = 12, 3
+"""Passes, and the one from which samples count by Student's distribution."""
+
+_STUDENT = 3.0
+"""Degrees of freedom of that distribution. Chosen: heavy tails of motion by hand."""
+
+_ENOUGH = 4
+"""IMUs from which on accelerometers alone determine the angular acceleration."""
+
+_CHANGING = 6
+"""IMUs from which on it is an unknown, too, how accelerations change within the differences of moments of reading.
+Chosen: with four there are as many readings as unknowns."""
+
+_CHUNK = 4096
+"""Samples whose rows are in memory at once: 150 MB for eight IMUs."""
+
+_BLOCK, _JOINED, _FEW = 1.0, (1, 4), 12
+"""Seconds of the blocks whose scatter gives the deviations, how many are taken together, and the fewest parts that show
+a scatter. Chosen: as for units of a tray."""
+
+_MATRIX = 9
+
+
+@dataclass(frozen=True)
+class ArrayFit:
+    """Where the IMUs lie.
+
+    Attributes
+    ----------
+    positions : (N, 3)
+        Of the middles of the accelerometers in the axes of the first IMU, m.
+    axes : (N, 3, 3)
+        Turn vectors of an IMU into those axes.
+    covariance : (N, 6, 6)
+        Of position and of a rotation vector in those axes.
+    residual
+        Of the accelerometers, m/s^2.
+    delay
+        Standard deviation of the moments of reading, s.
+    lag, smoothing
+        Of the accelerometers against the gyros, s and s^2, with deviations.
+    scale_deviation
+        Relative, common to all distances: it is that of the gyros' common scale and of bandwidths.
+    """
+
+    positions: Array
+    axes: Array
+    covariance: Array
+    residual: float
+    delay: float
+    lag: tuple[float, float]
+    smoothing: tuple[float, float]
+    scale_deviation: float
+
+
+class _Layout:
+    """Where the parameters stand: position and turn of the further IMUs; arms and matrix of each; common ones."""
+
+    def __init__(self, count: int, gyro: Array) -> None:
+        self.count = count
+        at = 3 * (count - 1)
+        self.position = [slice(3 * (k - 1), 3 * k) if k else None for k in range(count)]
+        self.turn = [slice(at + 3 * (k - 1), at + 3 * k) if k else None for k in range(count)]
+        at *= 2
+        self.arm = [[slice(at + 9 * k + 3 * j, at + 9 * k + 3 * j + 3) for j in range(3)] for k in range(count)]
+        at += 9 * count
+        self.matrix = [[slice(at + 9 * k + 3 * j, at + 9 * k + 3 * j + 3) for j in range(3)] for k in range(count)]
+        at += 9 * count
+        self.gyro, self.lag, self.smoothing = slice(at, at + _MATRIX), at + _MATRIX, at + _MATRIX + 1
+        self.size = at + _MATRIX + 2
+        sizes = [3 * (count - 1), 3 * (count - 1), 9 * count, 9 * count]
+        names = ("position", "turn", "arm", "matrix")
+        own = np.repeat([_PRIORS[name] for name in names], sizes)
+        self.deviations = np.concatenate([own, gyro, [_PRIORS["lag"], _PRIORS["smoothing"]]])
+
+    def arm_of(self, theta: Array, k: int, j: int) -> Array:
+        """Return the position of accelerometer j of IMU k."""
+        own = self.position[k]
+        return np.asarray(theta[self.arm[k][j]] + (0.0 if own is None else theta[own]))
+
+    def mixing(self, theta: Array) -> Array:
+        """Return the matrices (N, 3, 3) from ideal accelerometers to those of each IMU."""
+        own = [[np.eye(3)[j] - theta[self.matrix[k][j]] for j in range(3)] for k in range(self.count)]
+        return np.array(own)
+
+    def middle(self, k: int) -> Array:
+        """Return the derivative (3, size) of the middle of an IMU's accelerometers against that of the first."""
+        out = np.zeros((3, self.size))
+        own = self.position[k]
+        if own is not None:
+            out[:, own] = np.eye(3)
+            for j in range(3):
+                out[:, self.arm[k][j]] += np.eye(3) / 3.0
+                out[:, self.arm[0][j]] -= np.eye(3) / 3.0
+        return out
+
+
+@dataclass
+class _Sums:
+    """Sums of a pass over the samples."""
+
+    information: Array
+    score: Array
+    of_blocks: Array
+    squares: Array
+
+
+def fit_array(motion: HandMotion, gyro_deviation: Array) -> ArrayFit:
+    """Return where the IMUs lie.
+
+    gyro_deviation: (9,), of the entries of the gyros' mean matrix.
+    """
+    layout = _Layout(len(motion.axes), gyro_deviation)
+    theta, prior = np.zeros(layout.size), np.diag(layout.deviations**-2)
+    alpha, variance = motion.slope.copy(), 1.0
+    weights: Array = np.ones(motion.seconds.size)
+    rates, spread = _own_moments(motion)
+    differences = _differences(motion)
+    for number in range(_PASSES):
+        delays = np.zeros(differences.shape[:2])
+        if number > 1 and spread > 0.0:
+            share = np.sum(alpha**2, axis=1) + (rates / spread) ** 2
+            delays = np.einsum("kmj,mj->km", differences, alpha) / share
+            delays -= delays.mean(axis=0)
+        sums = _pass(motion, layout, theta, alpha, delays, weights / variance, variance, number)
+        theta = theta + _inverse(sums.information, layout.deviations) @ (sums.score - prior @ theta)
+        own = sums.squares
+        if number >= _ROBUST:
+            weights = (_STUDENT + 1.0) / (_STUDENT + own / variance)
+        variance = float(np.average(own, weights=weights))
+    covariance = _covariance(sums, layout.deviations)
+    return _concluded(motion, layout, theta, covariance, float(np.sqrt(variance)), spread)
+
+
+def _inverse(information: Array, deviations: Array) -> Array:
+    """Return the inverse of information with that of priors, computed in units of these."""
+    scaled = deviations[:, None] * (0.5 * (information + information.T)) * deviations
+    inverse = np.linalg.inv(scaled + np.eye(deviations.size))
+    return np.asarray(deviations[:, None] * (0.5 * (inverse + inverse.T)) * deviations)
+
+
+def _covariance(sums: _Sums, deviations: Array) -> Array:
+    """Return the covariance, with deviations that follow the scatter of blocks where it exceeds the noise's."""
+    inverse = _inverse(sums.information, deviations)
+    of_blocks = sums.of_blocks[np.any(sums.of_blocks != 0.0, axis=1)]
+    seen, of_prior = np.diag(inverse), np.sum((inverse / deviations) ** 2, axis=1)
+    for together in _JOINED:
+        edges = np.arange(0, len(of_blocks), together)
+        if edges.size >= _FEW or together == 1:
+            influence = np.add.reduceat(of_blocks, edges) @ inverse
+            scattered = np.sum(influence**2, axis=0) * edges.size / max(edges.size - 1.0, 1.0)
+            seen = np.maximum(seen, scattered + of_prior)
+    factor = np.sqrt(seen / np.diag(inverse))
+    return np.asarray(factor[:, None] * inverse * factor)
+
+
+def _concluded(
+    motion: HandMotion, layout: _Layout, theta: Array, covariance: Array, residual: float, delay: float
+) -> ArrayFit:
+    count = layout.count
+    positions, axes, spreads = np.zeros((count, 3)), motion.axes.copy(), np.zeros((count, 6, 6))
+    for k in range(1, count):
+        turn = layout.turn[k]
+        axes[k] = motion.axes[k] @ matrix(exp(theta[turn]))
+        J = np.zeros((6, layout.size))
+        J[:3] = layout.middle(k)
+        J[3:, turn] = axes[k]
+        positions[k], spreads[k] = J[:3] @ theta, J @ covariance @ J.T
+    sd = np.sqrt(np.diag(covariance))
+    lag, smoothing = layout.lag, layout.smoothing
+    whole = positions.ravel()
+    J = np.vstack([layout.middle(k) for k in range(count)])
+    size = float(whole @ whole)
+    scale = float(np.sqrt(whole @ J @ covariance @ J.T @ whole)) / max(size, 1e-300)
+    return ArrayFit(
+        positions, axes, spreads, residual, delay, (float(theta[lag]), float(sd[lag])),
+        (float(theta[smoothing]), float(sd[smoothing])), scale,
+    )  # fmt: skip
+
+
+def _differences(motion: HandMotion) -> Array:
+    """Return differences (N, n, 3) of rates from their mean, without what the IMUs' matrices err by."""
+    mean = motion.mean
+    out = motion.rates - mean
+    for k in range(len(out)):
+        out[k] -= mean @ np.linalg.lstsq(mean, out[k], rcond=None)[0]
+    return np.asarray(out)
+
+
+def _own_moments(motion: HandMotion) -> tuple[float, float]:
+    """Return the noise of differences of rates, rad/s, and by how much moments of reading differ, s (deviations)."""
+    d, size = _differences(motion), np.linalg.norm(motion.slope, axis=1)
+    along = np.einsum("kmj,mj->km", d, motion.slope) / np.maximum(size, 1e-12)
+    low, high = np.quantile(size, [0.25, 0.75])
+    # across the angular acceleration there is noise alone
+    across = np.sqrt(np.maximum(np.sum(d**2, axis=2) - along**2, 0.0) / 2.0)
+    noise = float(np.sqrt(np.median(across[:, size <= low] ** 2) / 0.693)) + 1e-12
+    fast = size >= high
+    beyond = float(np.median((along[:, fast]) ** 2)) / 0.455 - float(np.median(across[:, fast] ** 2)) / 0.693
+    return noise, float(np.sqrt(max(beyond, 0.0) / np.median(size[fast] ** 2)))
+
+
+def _pass(
+    motion: HandMotion, layout: _Layout, theta: Array, alpha: Array, delays: Array, weights: Array, variance: float,
+    number: int,
+) -> _Sums:  # fmt: skip
+    """Return sums over all samples; `alpha` becomes what they show."""
+    n, p = motion.seconds.size, layout.size
+    block = np.floor((motion.seconds - motion.seconds[0]) / _BLOCK).astype(int)
+    sums = _Sums(np.zeros((p, p)), np.zeros(p), np.zeros((int(block[-1]) + 1, p)), np.zeros(n))
+    changing = number > 1 and layout.count >= _CHANGING and bool(delays.any())
+    mixed = layout.mixing(theta)
+    for part in _chunks(n):
+        ideal, known, J = _rows(motion, layout, theta, alpha[part], delays[:, part], part, changing=changing)
+        H, y = _mixed(mixed, ideal), _readings(motion, part) - _mixed(mixed, known[..., None])[..., 0]
+        if number == 0:  # the angular acceleration is taken as known
+            y, H = y - (H[:, :, 3:] @ alpha[part][..., None])[..., 0], H[:, :, :3]
+        N, b = np.swapaxes(H, 1, 2) @ H, np.swapaxes(H, 1, 2) @ y[..., None]
+        N[:, 6:, 6:] += variance * np.eye(max(0, H.shape[2] - 6))
+        if number and layout.count < _ENOUGH:  # what the gyros say of the angular acceleration
+            sure = (variance / motion.slope_deviation[part] ** 2)[:, None]
+            N[:, [3, 4, 5], [3, 4, 5]] += sure
+            b[:, 3:6, 0] += sure * motion.slope[part]
+        x = np.linalg.solve(N, b)
+        left = y - (H @ x)[..., 0]
+        if number:
+            alpha[part] = x[:, 3:6, 0]
+            predicted = (ideal @ x)[..., 0] + known
+        else:
+            predicted = (ideal[:, :, :3] @ x)[..., 0] + (ideal[:, :, 3:6] @ alpha[part][..., None])[..., 0] + known
+        J = _mixed(mixed, _with_predicted(J, predicted, layout))
+        projected = J - H @ np.linalg.solve(N, np.swapaxes(H, 1, 2) @ J)
+        w = weights[part]
+        sums.information += (J * w[:, None, None]).reshape(-1, p).T @ projected.reshape(-1, p)
+        scores = np.einsum("mij,mi->mj", J, left) * w[:, None]
+        sums.score += scores.sum(axis=0)
+        np.add.at(sums.of_blocks, block[part], scores)
+        rows = 3 * layout.count
+        sums.squares[part] = np.mean(left**2, axis=1) * rows / (rows - min(9, rows - 1))
+    return sums
+
+
+def _mixed(mixing: Array, rows: Array) -> Array:
+    """Return rows (m, 3 N, c) of accelerometers from those of ideal ones, by each IMU's matrix (N, 3, 3)."""
+    m, _, c = rows.shape
+    out = np.einsum("kij,mkjc->mkic", mixing, rows.reshape(m, len(mixing), 3, c))
+    return np.asarray(out.reshape(m, -1, c))
+
+
+def _readings(motion: HandMotion, part: slice) -> Array:
+    """Return the readings of all accelerometers, (m, 3 N)."""
+    forces = motion.forces[:, part]
+    return np.asarray(np.swapaxes(forces, 0, 1).reshape(forces.shape[1], -1))
+
+
+def _with_predicted(J: Array, predicted: Array, layout: _Layout) -> Array:
+    """Return rows with what turns and matrices do to them: by the predicted readings, whose noise is not theirs."""
+    for k in range(layout.count):
+        own, turn = predicted[:, 3 * k : 3 * k + 3], layout.turn[k]
+        for j in range(3):
+            J[:, 3 * k + j, layout.matrix[k][j]] = -own
+            if turn is not None:
+                J[:, 3 * k + j, turn] = np.cross(np.eye(3)[j], own)
+    return J
+
+
+def _chunks(n: int) -> Iterator[slice]:
+    return (slice(start, min(start + _CHUNK, n)) for start in range(0, n, _CHUNK))
+
+
+def _rows(
+    motion: HandMotion, layout: _Layout, theta: Array, alpha: Array, delays: Array, part: slice, *, changing: bool
+) -> tuple[Array, Array, Array]:
+    """Return what every sample's unknowns, the motion, and the parameters do to ideal accelerometers."""
+    mean = motion.mean[part] @ (np.eye(3) + theta[layout.gyro].reshape(3, 3)).T
+    samples = mean.shape[0]
+    H = np.zeros((samples, 3 * layout.count, 12 if changing else 6))
+    J = np.zeros((samples, 3 * layout.count, layout.size))
+    known = np.zeros((samples, 3 * layout.count))
+    for k in range(layout.count):
+        turn = layout.turn[k]
+        axes = motion.axes[k] @ (np.eye(3) if turn is None else matrix(exp(theta[turn])))
+        omega = mean + (delays[k] + theta[layout.lag])[:, None] * alpha
+        for j in range(3):
+            row, s, r = 3 * k + j, axes[:, j], layout.arm_of(theta, k, j)
+            across = np.cross(r, s)
+            H[:, row, :3], H[:, row, 3:6] = s, across
+            if changing:
+                H[:, row, 6:9] = delays[k][:, None] * s * _JERK
+                H[:, row, 9:] = delays[k][:, None] * across * _ANGULAR_JERK
+            centripetal = (omega @ s)[:, None] * omega - np.sum(omega**2, axis=1)[:, None] * s
+            bent = motion.curvature[part] @ s
+            known[:, row] = (centripetal + theta[layout.smoothing] * bent) @ r
+            by_position = np.cross(s, alpha) + centripetal
+            J[:, row, layout.arm[k][j]] = by_position
+            if layout.position[k] is not None:
+                J[:, row, layout.position[k]] = by_position
+            by_rate = (omega @ r)[:, None] * s + (omega @ s)[:, None] * r - 2.0 * (r @ s) * omega
+            J[:, row, layout.lag] = np.sum(by_rate * alpha, axis=1)
+            J[:, row, layout.gyro] = (by_rate[:, :, None] * omega[:, None, :]).reshape(samples, 9)
+            J[:, row, layout.smoothing] = bent @ r
+    return H, known, J

@@ -1,0 +1,181 @@
+"""Readings of several IMUs that were turned and shaken as one body, on one clock and in the axes of one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.array.resampled import resampled
+from kreisel.calibration.result import Calibration
+from kreisel.errors import RecordingError
+from kreisel.geometry.rotation import Array, Mask, nearest_rotation
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.inertial.slopes import local_cubics, usual_interval
+from kreisel.recording.recording import ImuSamples
+from kreisel.synchronization.clock import Clock
+
+_MOVING = 0.05
+"""Share of the 99th percentile of the rate above which a sample is used. Chosen: slower ones say a 400th as much of
+positions."""
+
+_MOST = 60_000
+"""Samples that are used at most, evenly chosen. Chosen: an estimate takes a minute then."""
+
+_FEWEST = 200
+"""Samples in motion below which nothing is estimated."""
+
+_ROUNDS = 3
+"""Times that clocks and rotations are estimated. Chosen: clocks begin within milliseconds, and each round leaves a
+hundredth."""
+
+
+@dataclass(frozen=True)
+class HandMotion:
+    """Corrected readings of N IMUs at n samples in motion.
+
+    Attributes
+    ----------
+    seconds : (n,)
+        On the clock of the first IMU.
+    rates, forces : (N, n, 3)
+        rad/s in the axes of the first IMU; m/s^2 in each one's own.
+    axes : (N, 3, 3)
+        Turn vectors of an IMU's axes into those of the first.
+    slope, curvature : (n, 3), (n, 3, 3)
+        Derivative of the mean rate w, and the second one of [w x]^2, by cubics.
+    slope_deviation : (n,)
+        Of the derivative, rad/s^2: by noise, and by what a cubic through seven samples leaves out.
+    clocks
+        Of each IMU against the first.
+    """
+
+    seconds: Array
+    rates: Array
+    forces: Array
+    axes: Array
+    slope: Array
+    curvature: Array
+    slope_deviation: Array
+    clocks: tuple[Clock, ...]
+
+    @property
+    def mean(self) -> Array:
+        """Mean rate, (n, 3)."""
+        return np.asarray(self.rates.mean(axis=0))
+
+
+def corrected_readings(imu: ImuSamples, sensors: SensorParameters) -> ImuSamples:
+    """Return readings with offset and matrix applied; clipped samples keep their equal values, so that they show."""
+    rates = (imu.rates + sensors.k_w[0]) @ sensors.K_omega.T
+    return ImuSamples(
+        imu.stamps_ns, rates, (imu.accelerations + sensors.k_a[0]) @ sensors.K_a.T, imu.source
+    )  # fmt: skip
+
+
+def hand_motion(
+    imus: Sequence[ImuSamples], sensors: Sequence[SensorParameters], clocks: Sequence[Clock], unclipped: Sequence[Mask]
+) -> HandMotion:
+    """Return the readings in motion.
+
+    Parameters
+    ----------
+    imus
+        Raw.
+    clocks
+        Of each against the first, to some milliseconds.
+    unclipped
+        Of each IMU, which samples are within its range.
+
+    Raises
+    ------
+    RecordingError
+        If there is too little motion.
+    """
+    times = imus[0].seconds
+    found = list(clocks)
+    ready = [corrected_readings(imu, own) for imu, own in zip(imus, sensors, strict=True)]
+    cubics = local_cubics(times, usual_interval(times))
+    for _ in range(_ROUNDS):
+        parts = [resampled(imu, clock, times) for imu, clock in zip(ready, found, strict=True)]
+        known = _within(imus, found, unclipped, times)
+        for part in parts:
+            known &= part.known
+        base = parts[0].rates
+        moving = known & (
+            np.linalg.norm(base, axis=1) > _MOVING * float(np.percentile(np.linalg.norm(base, axis=1), 99))
+        )
+        if int(moving.sum()) < _FEWEST:
+            raise RecordingError(
+                "hardly moves: turn and shake the array about all axes for half a minute", file=imus[0].source
+            )
+        axes = np.array([nearest_rotation(base[moving].T @ part.rates[moving]) for part in parts])
+        rates = np.array([part.rates @ R.T for part, R in zip(parts, axes, strict=True)])
+        mean = rates.mean(axis=0)
+        slope = cubics.slopes(mean)
+        late = [_late(rates[k] - mean, mean, slope, moving, times) for k in range(len(parts))]
+        found = [_moved(clock, one, late[0], times) for clock, one in zip(found, late, strict=True)]
+    square = mean[:, :, None] * mean[:, None, :] - np.sum(mean**2, axis=1)[:, None, None] * np.eye(3)
+    curvature = cubics.curvatures(square.reshape(-1, 9)).reshape(-1, 3, 3)
+    used = np.flatnonzero(moving)
+    used = used[np.unique(np.linspace(0, used.size - 1, min(used.size, _MOST)).astype(int))]
+    forces = np.array([part.forces for part in parts])
+    doubt = _slope_deviation(mean, slope, times)
+    return HandMotion(
+        times[used], rates[:, used], forces[:, used], axes, slope[used], curvature[used], doubt[used], tuple(found)
+    )
+
+
+def _slope_deviation(mean: Array, slope: Array, times: Array) -> Array:
+    """Return the deviation of derivatives of a mean rate, (n,), rad/s^2."""
+    central = np.gradient(mean, times, axis=0)
+    noise = float(np.median(np.abs(np.diff(mean, 3, axis=0)))) / (0.6745 * 20.0**0.5)
+    by_noise = 0.51 * noise / usual_interval(times)
+    return np.asarray(np.sqrt(np.mean((central - slope) ** 2, axis=1) + by_noise**2) + 1e-9)
+
+
+def _within(
+    imus: Sequence[ImuSamples], clocks: Sequence[Clock], unclipped: Sequence[Mask], times: Array
+) -> Mask:  # fmt: skip
+    """Return at which times no IMU is clipped, nor the samples beside it."""
+    out = np.ones(times.size, dtype=bool)
+    for imu, clock, good in zip(imus, clocks, unclipped, strict=True):
+        near = np.clip(np.searchsorted(imu.seconds, clock.reference_time(times)), 2, imu.seconds.size - 2)
+        for step in (-2, -1, 0, 1):
+            out &= good[near + step]
+    return out
+
+
+def _late(difference: Array, mean: Array, slope: Array, moving: Mask, times: Array) -> tuple[float, float]:
+    """Return by how much an IMU's readings are of later moments than the mean's, s: in the middle, and per second."""
+    along = times[moving] - 0.5 * (times[0] + times[-1])
+    s, w, d = slope[moving], mean[moving], difference[moving]
+    # what the IMU's matrix errs by against the mean's is free
+    X = np.zeros((3 * s.shape[0], 14))
+    for j in range(3):
+        X[j::3, 3 * j : 3 * j + 3] = w
+        X[j::3, 9 + j] = 1.0
+        X[j::3, 12] = s[:, j]
+        X[j::3, 13] = s[:, j] * along
+    size = np.maximum(np.abs(X).max(axis=0), 1e-12)
+    found = np.linalg.lstsq(X / size, d.ravel(), rcond=None)[0] / size
+    return float(found[12]), float(found[13])
+
+
+def _moved(clock: Clock, late: tuple[float, float], first: tuple[float, float], times: Array) -> Clock:
+    """Return a clock moved by what its readings are late by, beyond those of the first IMU."""
+    shift, rate = late[0] - first[0], late[1] - first[1]
+    middle = 0.5 * float(times[0] + times[-1])
+    return Clock(clock.start + shift + rate * (clock.start - middle), (1.0 + clock.skew) * (1.0 + rate) - 1.0)
+
+
+def matrix_deviation(calibrations: Sequence[Calibration | None], usual: float, common: float) -> Array:
+    """Return the deviation (9,) of the entries of the mean gyro matrix, by those of the IMUs' calibrations.
+
+    usual, common: of an entry where there is none, and of what all IMUs err by in common.
+    """
+    own = [
+        usual * np.ones(9) if one is None else np.maximum(one.sensor_sd.K_omega.ravel(), 1e-6) for one in calibrations
+    ]
+    return np.asarray(np.hypot(np.sqrt(np.sum(np.square(own), axis=0)) / len(own), common))

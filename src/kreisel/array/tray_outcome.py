@@ -1,0 +1,98 @@
+"""What is found of the units of a tray."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.array.mount_watch import Turn
+from kreisel.array.relative_pose import RelativePose
+from kreisel.array.unit_fit import UnitFit
+from kreisel.calibration.outcome import Outcome
+from kreisel.calibration.result import Calibration
+from kreisel.geometry.rotation import Array
+from kreisel.recording.recording import Recording
+from kreisel.synchronization.clock import Clock
+
+
+@dataclass(frozen=True)
+class UnitOutcome:
+    """One unit of a tray.
+
+    Attributes
+    ----------
+    share : (2,)
+        Of gyros and accelerometers in the mean.
+    turn
+        Its turn on its mount during the recording, where there was one.
+    """
+
+    name: str
+    calibration: Calibration
+    fit: UnitFit
+    share: Array
+    turn: Turn | None
+
+
+@dataclass(frozen=True)
+class TrayOutcome:
+    """The units of a tray, the mean by which they were calibrated, and which could not be used, with the reasons.
+
+    Attributes
+    ----------
+    poses
+        Where the units lie against the first one, by name.
+    gain : (2,)
+        How many equal units have the noise of the mean, of gyros and accelerometers.
+    """
+
+    recording: Recording
+    mean: Outcome
+    units: tuple[UnitOutcome, ...]
+    left_out: tuple[tuple[str, str], ...]
+    poses: dict[str, RelativePose]
+    gain: Array
+
+    @property
+    def reference(self) -> str:
+        """The unit in whose axes the others' places are given."""
+        return self.units[0].name
+
+    @property
+    def clocks(self) -> dict[str, Clock]:
+        """Clocks of the other units by name: seconds of the reference unit by those of a unit, from the first."""
+        base = self.units[0].fit.clock
+        return {unit.name: _against(base, unit.fit.clock) for unit in self.units[1:]}
+
+    def _clock_document(self, name: str) -> dict[str, float]:
+        """Return what `array.yaml` says of a unit's clock."""
+        clock = self.clocks[name]
+        first = {unit.name: unit.calibration.recording for unit in self.units}
+        begin, own = first[self.reference], first[name]
+        offset = 0.0
+        if begin is not None and own is not None and begin.begin_ns is not None and own.begin_ns is not None:
+            offset = clock.offset(begin.begin_ns, own.begin_ns)
+        found = {"offset": offset, "offset_sd": clock.start_sd, "skew": clock.skew, "skew_sd": clock.skew_sd}
+        return {name: float(value) for name, value in found.items()}
+
+    @property
+    def array_document(self) -> dict[str, object]:
+        """The content of `array.yaml`."""
+        return {
+            "schema": "kreisel-array-1",
+            "reference": self.reference,
+            "axes": "of the reference unit: z along the sensitive axis of accelerometer z, y in the plane of y and z; "
+            "origin in the middle of its accelerometers; rotation turns vectors of a unit into them",
+            "clock": "t_reference = t + offset + skew (t - first t), stamps of the reference unit and of a unit, s",
+            "imus": {name: {**pose.document, "clock": self._clock_document(name)} for name, pose in self.poses.items()},
+            "left_out": dict(self.left_out),
+        }
+
+
+def _against(base: Clock, own: Clock) -> Clock:
+    """Return the clock of a unit against that of the base unit, both given against a third one."""
+    start, skew = base.reference_time(np.array([own.start]))[0], (1.0 + own.skew) / (1.0 + base.skew) - 1.0
+    return Clock(
+        float(start), skew, float(np.hypot(base.start_sd, own.start_sd)), float(np.hypot(base.skew_sd, own.skew_sd))
+    )

@@ -1,0 +1,172 @@
+"""Where the IMUs of an array lie against each other, from a recording without a reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from kreisel.array.array_fit import fit_array
+from kreisel.array.array_outcome import ArrayMember, ArrayOutcome
+from kreisel.array.hand_motion import HandMotion, hand_motion, matrix_deviation
+from kreisel.array.relative_pose import RelativePose
+from kreisel.array.resampled import clipped_samples
+from kreisel.array.unit_clock import clock_of
+from kreisel.calibration.result import Calibration
+from kreisel.errors import KreiselError, RecordingError
+from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.inertial.noise_figures import high_frequency_density
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.progress import Progress
+from kreisel.recording.recording import ImuSamples, Recording
+from kreisel.static.rest_search import find_rests
+from kreisel.static.static_result import calibrate_static
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.correlation import quietest_second
+
+_UNKNOWN_MATRIX = 1e-2
+"""Deviation of the entries of a gyro matrix that nothing was found of: that of usual devices."""
+
+_NOT_LINEAR, _INEXPENSIVE = 1e-3, 1e-5
+"""Share by which quick rates of inexpensive gyros err in common, against the slow turns that calibrate them, and the
+noise density, rad/s/sqrt(Hz), from which gyros count as such. Chosen: data sheets of consumer gyros state a largest
+deviation from a line of 0.1 to 0.2 % of the range; its rms is about half of that."""
+
+_CLIPPED_SHARE = 0.9995
+"""Share of the largest reading from which a sample counts as clipped, where some are."""
+
+
+def locate(
+    read: Callable[[str], Recording], names: Sequence[str], progress: Progress | None = None
+) -> ArrayOutcome:  # fmt: skip
+    """Return where the IMUs of a recording lie against the first one.
+
+    Parameters
+    ----------
+    read
+        Returns the recording with the readings of one IMU; see `tray.unit_reader`.
+
+    Raises
+    ------
+    KreiselError
+        If there are no two IMUs that move together, or too little motion.
+    """
+    base = read(names[0])
+    members, imus, sensors, clocks, left_out = [], [], [], [], []
+    for k, name in enumerate(names):
+        if progress is not None:
+            progress("calibrate by standstills", k / len(names))
+        try:
+            recording = base if k == 0 else read(name)
+            clock = Clock(0.0) if k == 0 else clock_of(recording.imu, base.imu)
+        except KreiselError as error:
+            if k == 0:
+                raise
+            left_out.append((name, str(error)))
+            continue
+        member = _member(name, recording)
+        members.append(member)
+        imus.append(recording.imu)
+        sensors.append(_sensors(member, recording.imu))
+        clocks.append(clock)
+    if len(members) < 2:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out) or "there is one IMU only"
+        raise RecordingError(f"no two IMUs that move together: {reasons}", file=base.path)
+    if progress is not None:
+        progress("estimate positions", 0.5)
+    motion = hand_motion(imus, sensors, clocks, [~_clipped(imu) for imu in imus])
+    return _concluded(base, members, imus, motion, tuple(left_out))
+
+
+def _concluded(
+    base: Recording, members: Sequence[ArrayMember], imus: Sequence[ImuSamples], motion: HandMotion,
+    left_out: tuple[tuple[str, str], ...],
+) -> ArrayOutcome:  # fmt: skip
+    noise = high_frequency_density(imus[0].rates, imus[0].interval)
+    common = _NOT_LINEAR if float(np.sqrt(np.mean(noise**2))) > _INEXPENSIVE else 0.0
+    fit = fit_array(motion, matrix_deviation([member.calibration for member in members], _UNKNOWN_MATRIX, common))
+    poses, clocks = {}, {}
+    turned = rest_rotations(members, imus, motion.clocks)
+    first = int(imus[0].stamps_ns[0])
+    for k, member in enumerate(members):
+        if k:
+            axes, covariance = fit.axes[k], fit.covariance[k]
+            if k in turned:
+                axes = turned[k][0]
+                covariance = np.block([[covariance[:3, :3], np.zeros((3, 3))], [np.zeros((3, 3)), turned[k][1]]])
+            poses[member.name] = RelativePose(fit.positions[k], axes, covariance)
+            clock = motion.clocks[k]
+            clocks[member.name] = Clock(clock.offset(first, int(imus[k].stamps_ns[0])), clock.skew)
+    return ArrayOutcome(base, tuple(members), fit, motion.seconds.size, poses, clocks, left_out)
+
+
+def rest_rotations(
+    members: Sequence[ArrayMember], imus: Sequence[ImuSamples], clocks: Sequence[Clock]
+) -> dict[int, tuple[Array, Array]]:  # fmt: skip
+    """Return rotations (3, 3) to the first IMU by forces at the standstills, with covariances (3, 3), rad^2.
+
+    Of IMUs that were calibrated by them, by their number.
+    """
+    if members[0].calibration is None:
+        return {}
+    rests = find_rests(imus[0])
+    spans = imus[0].seconds[rests.first], imus[0].seconds[rests.last - 1]
+    base, out = _means(members[0].calibration, imus[0], *spans), {}
+    for k, (member, imu, clock) in enumerate(zip(members, imus, clocks, strict=True)):
+        if k == 0 or member.calibration is None:
+            continue
+        own = _means(member.calibration, imu, *(clock.reference_time(span) for span in spans))
+        C = nearest_rotation(base.T @ own)
+        u = base / np.linalg.norm(base, axis=1)[:, None]
+        left = (base - own @ C.T) / np.linalg.norm(base, axis=1)[:, None]
+        variance = float(np.sum(left**2)) / (2.0 * len(u) - 3.0)
+        information = len(u) * np.eye(3) - u.T @ u
+        out[k] = (
+            C,
+            variance * np.linalg.inv(information) + _skewed(members[0].calibration) + _skewed(member.calibration),
+        )
+    return out
+
+
+def _means(calibration: Calibration, imu: ImuSamples, begin: Array, end: Array) -> Array:
+    """Return mean forces (M, 3) over intervals, corrected."""
+    first, last = np.searchsorted(imu.seconds, begin), np.searchsorted(imu.seconds, end, side="right")
+    raw = np.array([imu.accelerations[a:b].mean(axis=0) for a, b in zip(first, last, strict=True)])
+    p = calibration.sensors
+    return np.asarray((raw + p.k_a[0]) @ p.K_a.T)
+
+
+def _skewed(calibration: Calibration) -> Array:
+    """Return the covariance (3, 3) of a frame by the deviations of the angles between its accelerometers."""
+    sd = calibration.sensor_sd.K_a
+    return np.diag(np.square([sd[1, 2], sd[0, 2], sd[0, 1]]))
+
+
+def _member(name: str, recording: Recording) -> ArrayMember:
+    """Return an IMU with its calibration by standstills, if there are enough."""
+    clipped = float(np.mean(_clipped(recording.imu)))
+    try:
+        outcome = calibrate_static(recording)
+    except KreiselError as error:
+        return ArrayMember(name, None, str(error), clipped, ())
+    warm = tuple(str(warning) for warning in outcome.warnings if "warm" in str(warning))
+    return ArrayMember(name, outcome.calibration, "", clipped, warm)
+
+
+def _sensors(member: ArrayMember, imu: ImuSamples) -> SensorParameters:
+    """Return the parameters that an IMU's readings are corrected by."""
+    if member.calibration is not None:
+        return member.calibration.sensors
+    offset = np.zeros((1, 3))
+    offset[0] = -np.median(imu.rates[quietest_second(imu)], axis=0)
+    return SensorParameters(np.eye(3), offset, np.eye(3), np.zeros((1, 3)), np.zeros((3, 3)))
+
+
+def _clipped(imu: ImuSamples) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Return which samples (n,) of an IMU are at the end of the range of a triad, where some are."""
+    out = np.zeros(imu.stamps_ns.size, dtype=bool)
+    for values in (imu.rates, imu.accelerations):
+        if clipped_samples(values).any():
+            out |= (np.abs(values) >= _CLIPPED_SHARE * np.abs(values).max()).any(axis=1)
+    return out

@@ -1,0 +1,71 @@
+"""`kreisel array`: where the IMUs of an array lie, from a recording without a reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from kreisel.array.array_outcome import ArrayOutcome
+
+
+def array(
+    recording: Path = typer.Argument(..., help="Recording: a folder with imu0, imu1, …; no poses."),
+    output: Path | None = typer.Option(None, "-o", "--output", help="Folder for array.yaml and report.html."),
+    json: bool = typer.Option(False, "--json", help="Print array.yaml's content as one JSON object."),
+) -> None:
+    """Locate the IMUs of a rigid array that was moved by hand.
+
+    Turn the array into ten attitudes or more and hold it still in each, then shake it about all axes for half a minute.
+    With poses of a robot or of cameras, `kreisel calibrate` finds the same, and calibrates all units.
+    """
+    import json as as_json
+
+    from kreisel.array.tray import imu_names, unit_reader
+    from kreisel.array.without_reference import locate
+    from kreisel.cli.output import check_output
+    from kreisel.cli.progress_bar import progress_bar
+    from kreisel.errors import RecordingError
+    from kreisel.formats.loading import load
+
+    if output is not None:
+        check_output(output)
+    base = load(recording)
+    names = imu_names(recording)
+    if len(names) < 2:
+        raise RecordingError(
+            "has one IMU; an array is a folder with imu0, imu1, …, each with its data.csv", file=recording
+        )
+    with progress_bar() as show:
+        outcome = locate(unit_reader(base), names, show)
+    if output is not None:
+        _write(outcome, output)
+    if json:
+        document = outcome.document if output is None else {**outcome.document, "output": str(output)}
+        typer.echo(as_json.dumps(document))
+        return
+    _say(outcome, output)
+
+
+def _write(outcome: ArrayOutcome, output: Path) -> None:
+    from kreisel.calibration.result import write_document
+    from kreisel.files import replaced_together
+    from kreisel.report.array_page import write_array
+
+    with replaced_together(output, ("array.yaml", "report.html")) as writing:
+        write_document(outcome.document, writing / "array.yaml")
+        write_array(outcome, writing / "report.html")
+
+
+def _say(outcome: ArrayOutcome, output: Path | None) -> None:
+    from kreisel.cli.terminal_tables import print_rows, print_sentences
+    from kreisel.report.array_page import COLUMNS, facts_of, unit_rows
+    from kreisel.report.places import POSE_COLUMNS, pose_rows
+
+    print_rows(f"{outcome.recording.name}: units", list(COLUMNS), unit_rows(outcome), 2)
+    print_rows(f"places in the axes of {outcome.reference}", list(POSE_COLUMNS), pose_rows(outcome.poses), 1)
+    print_sentences(facts_of(outcome))
+    written = f"written: {output}/array.yaml, report.html"
+    typer.echo(written if output is not None else "nothing written; -o OUT writes array.yaml and a report")
