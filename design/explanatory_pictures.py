@@ -28,6 +28,7 @@ def main(pictures: Path) -> None:
     for name, draw in (
         ("frames", _frames), ("interval", _interval), ("accuracy", _accuracy), ("robustness", _robustness),
         ("methods", _methods), ("arm", _arm), ("static", _static),
+        ("tray", _tray),
     ):  # fmt: skip
         draw().savefig(pictures / f"{name}.svg", metadata={"Date": None}, bbox_inches="tight")
 
@@ -132,6 +133,28 @@ def _accuracy() -> Figure:
         ax.set_xticks([60, 180, 600], ["60", "180", "600"], minor=False)
         ax.xaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
     figure.axes[0].legend(fontsize="small")
+    return figure
+
+
+def _tray() -> Figure:
+    """Return deviations of a unit over the number of units on its tray, in shares of those of a unit alone."""
+    figure = Figure(figsize=(6.4, 3.2), layout="constrained")
+    rows = _rows("tray-deviations.csv")
+    columns = [name for name in rows[0] if name not in ("arm", "units")]
+    for ax, arm in zip(figure.subplots(1, 2, sharey=True), dict.fromkeys(row["arm"] for row in rows), strict=True):
+        own = [row for row in rows if row["arm"] == arm]
+        for k, column in enumerate(columns):
+            values = np.array([float(row[column]) for row in own])
+            colour = (*COLOURS, GREY)[k]
+            ax.plot(
+                [int(row["units"]) for row in own], values / values[0], "o-", color=colour, label=column.split(" (")[0]
+            )
+        ax.set_xscale("log", base=2)
+        ax.set_xticks([1, 2, 4, 8, 16], ["1", "2", "4", "8", "16"])
+        ax.set(xlabel="Units on the tray", title=f"Arm: {arm}", ylim=(0.0, 1.3))
+        ax.title.set_size("small")
+    figure.axes[0].set_ylabel("Deviation, over that of a unit alone")
+    figure.axes[0].legend(fontsize="x-small", loc="lower left")
     return figure
 
 

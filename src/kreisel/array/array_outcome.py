@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.array.array_fit import ArrayFit
-from kreisel.array.relative_pose import RelativePose
+from kreisel.array.relative_pose import AXES, CLOCK, RelativePose, clock_document
 from kreisel.calibration.result import Calibration
 from kreisel.recording.recording import Recording
 from kreisel.synchronization.clock import Clock
@@ -35,7 +35,15 @@ class ArrayMember:
 
 @dataclass(frozen=True)
 class ArrayOutcome:
-    """Where the IMUs of an array lie."""
+    """Where the IMUs of an array lie.
+
+    Attributes
+    ----------
+    clocks
+        Seconds of the first IMU by those of another, each from its first sample.
+    begin_ns
+        First stamps.
+    """
 
     recording: Recording
     members: tuple[ArrayMember, ...]
@@ -43,6 +51,7 @@ class ArrayOutcome:
     samples: int
     poses: dict[str, RelativePose]
     clocks: dict[str, Clock]
+    begin_ns: dict[str, int]
     left_out: tuple[tuple[str, str], ...]
 
     @property
@@ -57,11 +66,14 @@ class ArrayOutcome:
         return {
             "schema": "kreisel-array-1",
             "reference": self.reference,
-            "axes": "of the reference unit: z along the sensitive axis of accelerometer z, y in the plane of y and z; "
-            "origin in the middle of its accelerometers; rotation turns vectors of a unit into them",
-            "clock": "t_reference = t + offset + skew (t - first t), stamps of the reference unit and of a unit, s",
+            "axes": AXES,
+            "clock": CLOCK,
             "imus": {
-                name: {**pose.document, "distance": float(np.linalg.norm(pose.position)), "clock": self._clock(name)}
+                name: {
+                    **pose.document,
+                    "distance": float(np.linalg.norm(pose.position)),
+                    "clock": clock_document(self.clocks[name], self.begin_ns[self.reference], self.begin_ns[name]),
+                }
                 for name, pose in self.poses.items()
             },
             "not_observable": ["the common scale of the gyros: all distances are uncertain by it, see `scale`"],
@@ -72,7 +84,3 @@ class ArrayOutcome:
             "samples": self.samples,
             "left_out": dict(self.left_out),
         }
-
-    def _clock(self, name: str) -> dict[str, float]:
-        clock = self.clocks[name]
-        return {"offset": float(clock.start), "skew": float(clock.skew)}

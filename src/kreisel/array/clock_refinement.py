@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.array.mean_imu import white_noise
-from kreisel.array.resampled import resampled
+from kreisel.array.resampled import resampled, white_noise
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.slopes import local_cubics, usual_interval
 from kreisel.recording.recording import ImuSamples

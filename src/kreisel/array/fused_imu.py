@@ -15,8 +15,8 @@ import numpy as np
 
 from kreisel.array.clock_refinement import refined_clock
 from kreisel.array.lower_rate import smoothed, window_for
-from kreisel.array.mean_imu import MIN_EXPLAINED, white_noise
-from kreisel.array.resampled import Resampled, clipped_samples, resampled
+from kreisel.array.mean_imu import MIN_EXPLAINED
+from kreisel.array.resampled import Resampled, clipped_samples, resampled, white_noise
 from kreisel.array.rest_density import Standstills, standstills
 from kreisel.array.unit_clock import clock_of
 from kreisel.calibration.result import Calibration

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kreisel.array.clock_refinement import refined_clock
 from kreisel.array.resampled import resampled
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
@@ -25,10 +26,6 @@ _MOST = 60_000
 
 _FEWEST = 200
 """Samples in motion below which nothing is estimated."""
-
-_ROUNDS = 3
-"""Times that clocks and rotations are estimated. Chosen: clocks begin within milliseconds, and each round leaves a
-hundredth."""
 
 
 @dataclass(frozen=True)
@@ -94,28 +91,22 @@ def hand_motion(
         If there is too little motion.
     """
     times = imus[0].seconds
-    found = list(clocks)
     ready = [corrected_readings(imu, own) for imu, own in zip(imus, sensors, strict=True)]
-    cubics = local_cubics(times, usual_interval(times))
-    for _ in range(_ROUNDS):
-        parts = [resampled(imu, clock, times) for imu, clock in zip(ready, found, strict=True)]
-        known = _within(imus, found, unclipped, times)
-        for part in parts:
-            known &= part.known
-        base = parts[0].rates
-        moving = known & (
-            np.linalg.norm(base, axis=1) > _MOVING * float(np.percentile(np.linalg.norm(base, axis=1), 99))
+    found = [clocks[0], *(_clock(imu, clock, ready[0]) for imu, clock in zip(ready[1:], clocks[1:], strict=True))]
+    parts = [resampled(imu, clock, times) for imu, clock in zip(ready, found, strict=True)]
+    known = np.logical_and.reduce([_within(imus, found, unclipped, times), *(part.known for part in parts)])
+    base = parts[0].rates
+    size = np.linalg.norm(base, axis=1)
+    moving = known & (size > _MOVING * float(np.percentile(size, 99)))
+    if int(moving.sum()) < _FEWEST:
+        raise RecordingError(
+            "hardly moves: turn and shake the array about all axes for half a minute", file=imus[0].source
         )
-        if int(moving.sum()) < _FEWEST:
-            raise RecordingError(
-                "hardly moves: turn and shake the array about all axes for half a minute", file=imus[0].source
-            )
-        axes = np.array([nearest_rotation(base[moving].T @ part.rates[moving]) for part in parts])
-        rates = np.array([part.rates @ R.T for part, R in zip(parts, axes, strict=True)])
-        mean = rates.mean(axis=0)
-        slope = cubics.slopes(mean)
-        late = [_late(rates[k] - mean, mean, slope, moving, times) for k in range(len(parts))]
-        found = [_moved(clock, one, late[0], times) for clock, one in zip(found, late, strict=True)]
+    axes = np.array([nearest_rotation(base[moving].T @ part.rates[moving]) for part in parts])
+    rates = np.array([part.rates @ R.T for part, R in zip(parts, axes, strict=True)])
+    mean = rates.mean(axis=0)
+    cubics = local_cubics(times, usual_interval(times))
+    slope = cubics.slopes(mean)
     square = mean[:, :, None] * mean[:, None, :] - np.sum(mean**2, axis=1)[:, None, None] * np.eye(3)
     curvature = cubics.curvatures(square.reshape(-1, 9)).reshape(-1, 3, 3)
     used = np.flatnonzero(moving)
@@ -147,27 +138,11 @@ def _within(
     return out
 
 
-def _late(difference: Array, mean: Array, slope: Array, moving: Mask, times: Array) -> tuple[float, float]:
-    """Return by how much an IMU's readings are of later moments than the mean's, s: in the middle, and per second."""
-    along = times[moving] - 0.5 * (times[0] + times[-1])
-    s, w, d = slope[moving], mean[moving], difference[moving]
-    # what the IMU's matrix errs by against the mean's is free
-    X = np.zeros((3 * s.shape[0], 14))
-    for j in range(3):
-        X[j::3, 3 * j : 3 * j + 3] = w
-        X[j::3, 9 + j] = 1.0
-        X[j::3, 12] = s[:, j]
-        X[j::3, 13] = s[:, j] * along
-    size = np.maximum(np.abs(X).max(axis=0), 1e-12)
-    found = np.linalg.lstsq(X / size, d.ravel(), rcond=None)[0] / size
-    return float(found[12]), float(found[13])
-
-
-def _moved(clock: Clock, late: tuple[float, float], first: tuple[float, float], times: Array) -> Clock:
-    """Return a clock moved by what its readings are late by, beyond those of the first IMU."""
-    shift, rate = late[0] - first[0], late[1] - first[1]
-    middle = 0.5 * float(times[0] + times[-1])
-    return Clock(clock.start + shift + rate * (clock.start - middle), (1.0 + clock.skew) * (1.0 + rate) - 1.0)
+def _clock(imu: ImuSamples, clock: Clock, base: ImuSamples) -> Clock:
+    """Return the clock of an IMU against the first one, from corrected readings of both; `clock` to milliseconds."""
+    seen = resampled(imu, clock, base.seconds)
+    turn = nearest_rotation(base.rates[seen.known].T @ seen.rates[seen.known])
+    return refined_clock(replace(imu, rates=imu.rates @ turn.T), clock, base).clock
 
 
 def matrix_deviation(calibrations: Sequence[Calibration | None], usual: float, common: float) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.array.resampled import Resampled
+from kreisel.array.resampled import Resampled, white_noise
 from kreisel.errors import SynchronizationError
 from kreisel.geometry.rotation import Array
 from kreisel.preparation.imu_noise import noise_stated
@@ -88,13 +88,6 @@ def _linear(x: Array, y: Array) -> tuple[Array, float]:
     matrix = np.linalg.lstsq(u, v, rcond=None)[0].T
     left = float(np.mean((v - u @ matrix.T) ** 2)) / max(float(np.mean(v**2)), 1e-300)
     return np.column_stack([matrix, centre_y - matrix @ centre_x]), 1.0 - left
-
-
-def white_noise(values: Array) -> Array:
-    """Return standard deviations (3,) of white noise by third differences, whose median motion hardly touches."""
-    difference = np.abs(np.diff(values, 3, axis=0))
-    # of third differences the variance is 20 times that of the noise; 0.6745 makes a median absolute value a deviation
-    return np.asarray(np.median(difference, axis=0) / (0.6745 * 20.0**0.5) + 1e-12)
 
 
 class MeanImu:

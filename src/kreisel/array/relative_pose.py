@@ -10,6 +10,7 @@ import numpy as np
 from kreisel.calibration.device_axes import linearised
 from kreisel.geometry.rotation import Array, from_matrix, log, skew
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.synchronization.clock import Clock
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,24 @@ class RelativePose:
             "rotation_vector": log(from_matrix(self.rotation)).tolist(),
             "standard_deviation": {"position": sd[:3].tolist(), "rotation": sd[3:].tolist()},
         }
+
+
+AXES = (
+    "of the reference unit: z along the sensitive axis of accelerometer z, y in the plane of y and z; origin in the "
+    "middle of its accelerometers; rotation turns vectors of a unit into them"
+)
+CLOCK = "t_reference = t + offset + skew (t - first t), stamps of the reference unit and of a unit, s"
+"""What `array.yaml` says of its numbers."""
+
+
+def clock_document(clock: Clock, first_reference_ns: int, first_ns: int) -> dict[str, float]:
+    """Return what `array.yaml` says of a unit's clock.
+
+    clock: seconds of the reference unit by those of the unit, each from its first sample, at these stamps.
+    """
+    offset = clock.offset(first_reference_ns, first_ns)
+    found = {"offset": offset, "offset_sd": clock.start_sd, "skew": clock.skew, "skew_sd": clock.skew_sd}
+    return {name: float(value) for name, value in found.items()}
 
 
 def relative_pose(reference: SensorParameters, own: SensorParameters, covariance: Array) -> RelativePose:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.array.mount_watch import Turn
-from kreisel.array.relative_pose import RelativePose
+from kreisel.array.relative_pose import AXES, CLOCK, RelativePose, clock_document
 from kreisel.array.unit_fit import UnitFit
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
@@ -67,14 +67,9 @@ class TrayOutcome:
 
     def _clock_document(self, name: str) -> dict[str, float]:
         """Return what `array.yaml` says of a unit's clock."""
-        clock = self.clocks[name]
         first = {unit.name: unit.calibration.recording for unit in self.units}
-        begin, own = first[self.reference], first[name]
-        offset = 0.0
-        if begin is not None and own is not None and begin.begin_ns is not None and own.begin_ns is not None:
-            offset = clock.offset(begin.begin_ns, own.begin_ns)
-        found = {"offset": offset, "offset_sd": clock.start_sd, "skew": clock.skew, "skew_sd": clock.skew_sd}
-        return {name: float(value) for name, value in found.items()}
+        begin, own = ((0 if one is None else one.begin_ns or 0) for one in (first[self.reference], first[name]))
+        return clock_document(self.clocks[name], begin, own)
 
     @property
     def array_document(self) -> dict[str, object]:
@@ -82,9 +77,8 @@ class TrayOutcome:
         return {
             "schema": "kreisel-array-1",
             "reference": self.reference,
-            "axes": "of the reference unit: z along the sensitive axis of accelerometer z, y in the plane of y and z; "
-            "origin in the middle of its accelerometers; rotation turns vectors of a unit into them",
-            "clock": "t_reference = t + offset + skew (t - first t), stamps of the reference unit and of a unit, s",
+            "axes": AXES,
+            "clock": CLOCK,
             "imus": {name: {**pose.document, "clock": self._clock_document(name)} for name, pose in self.poses.items()},
             "left_out": dict(self.left_out),
         }

@@ -88,7 +88,6 @@ def _concluded(
     fit = fit_array(motion, matrix_deviation([member.calibration for member in members], _UNKNOWN_MATRIX, common))
     poses, clocks = {}, {}
     turned = rest_rotations(members, imus, motion.clocks)
-    first = int(imus[0].stamps_ns[0])
     for k, member in enumerate(members):
         if k:
             axes, covariance = fit.axes[k], fit.covariance[k]
@@ -96,9 +95,9 @@ def _concluded(
                 axes = turned[k][0]
                 covariance = np.block([[covariance[:3, :3], np.zeros((3, 3))], [np.zeros((3, 3)), turned[k][1]]])
             poses[member.name] = RelativePose(fit.positions[k], axes, covariance)
-            clock = motion.clocks[k]
-            clocks[member.name] = Clock(clock.offset(first, int(imus[k].stamps_ns[0])), clock.skew)
-    return ArrayOutcome(base, tuple(members), fit, motion.seconds.size, poses, clocks, left_out)
+            clocks[member.name] = motion.clocks[k]
+    begin = {member.name: int(imu.stamps_ns[0]) for member, imu in zip(members, imus, strict=True)}
+    return ArrayOutcome(base, tuple(members), fit, motion.seconds.size, poses, clocks, begin, left_out)
 
 
 def rest_rotations(

@@ -42,7 +42,7 @@ def unit_rows(outcome: ArrayOutcome) -> list[list[str]]:
             along = pose.position / max(float(np.linalg.norm(pose.position)), 1e-12)
             sd = float(np.sqrt(along @ pose.covariance[:3, :3] @ along))
             distance = pair(float(np.linalg.norm(pose.position)) / MM, sd / MM)
-        ratio = "-" if clock is None else f"{clock.skew / PPM:.1f}"
+        ratio = "-" if clock is None else pair(clock.skew / PPM, clock.skew_sd / PPM)
         out.append([member.name, state, f"{100.0 * member.clipped:.1f} %", distance, ratio])
     return out
 
