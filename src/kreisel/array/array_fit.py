@@ -44,8 +44,6 @@ _BLOCK, _JOINED, _FEW = 1.0, (1, 4), 12
 """Seconds of the blocks whose scatter gives the deviations, how many are taken together, and the fewest parts that show
 a scatter. Chosen: as for units of a tray."""
 
-_MATRIX = 9
-
 
 @dataclass(frozen=True)
 class ArrayFit:
@@ -92,8 +90,8 @@ class _Layout:
         at += 9 * count
         self.matrix = [[slice(at + 9 * k + 3 * j, at + 9 * k + 3 * j + 3) for j in range(3)] for k in range(count)]
         at += 9 * count
-        self.gyro, self.lag, self.smoothing = slice(at, at + _MATRIX), at + _MATRIX, at + _MATRIX + 1
-        self.size = at + _MATRIX + 2
+        self.gyro, self.lag, self.smoothing = slice(at, at + 9), at + 9, at + 10
+        self.size = at + 11
         sizes = [3 * (count - 1), 3 * (count - 1), 9 * count, 9 * count]
         names = ("position", "turn", "arm", "matrix")
         own = np.repeat([_PRIORS[name] for name in names], sizes)
