@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
+from kreisel.array.tray import calibrate_tray
 from kreisel.calibration.device_axes import linearised
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
@@ -16,7 +17,10 @@ from kreisel.formats.write import write_imu
 from kreisel.geometry.interpolation import slerp
 from kreisel.geometry.rotation import exp, matrix, multiply
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.recording.recording_settings import read_settings
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.cell_settings import parse_cell
 
 from ..rigid_array import readings_at, recorded, shaken
 
@@ -87,6 +91,20 @@ def test_a_tray_with_a_loose_and_a_foreign_unit(tmp_path):
         assert done.returncode == 1
         assert done.stderr.count("\n") == 1
         assert "--imu" in done.stderr or "leave out" in done.stderr
+
+
+@pytest.mark.slow
+def test_of_two_units_it_cannot_be_said_which_one_turned(tmp_path):
+    imu, tray = {"grade": "industrial-mems", "slip_deg": 0.1}, {"units": 2, "slipping": 1}
+    cell = parse_cell({"seed": 6, "seconds": 60.0, "imu": imu, "tray": tray}, tmp_path)
+    made = {f"imu{k}": simulate(cell, tmp_path, unit=k)[1] for k in range(2)}
+    outcome = calibrate_tray(made.__getitem__, list(made), CalibrationSettings())
+    for unit in outcome.units:
+        assert not unit.calibration.accepted
+        reason = unit.calibration.verdict.reasons[-1]
+        turned = re.match(r"it or the other unit turned on its mount, by ([0-9.]+) mrad", reason)
+        assert float(turned[1]) == pytest.approx(1.745, abs=0.3)
+    assert [unit.share[0] for unit in outcome.units] == pytest.approx([0.5, 0.5], abs=0.02)
 
 
 def _true_sensors(recording, name):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.array.lower_rate import smoothed, window_for
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.slopes import LONGEST_GAP, usual_interval
 from kreisel.recording.recording import ImuSamples
@@ -35,7 +36,7 @@ class Resampled:
     known: Mask
 
 
-def resampled(imu: ImuSamples, clock: Clock, times: Array) -> Resampled:
+def resampled(imu: ImuSamples, clock: Clock, times: Array, *, smooth: bool = False) -> Resampled:
     """Return the readings of an IMU at times of another one.
 
     Parameters
@@ -44,6 +45,8 @@ def resampled(imu: ImuSamples, clock: Clock, times: Array) -> Resampled:
         t = start + (1 + skew) tau, with tau the seconds of `imu`.
     times : (n,)
         t, ascending.
+    smooth
+        Whether readings of a higher rate are smoothed first, so that all of them count.
     """
     own = imu.seconds
     tau = clock.reference_time(times)
@@ -52,6 +55,11 @@ def resampled(imu: ImuSamples, clock: Clock, times: Array) -> Resampled:
     known = (tau >= own[0]) & (tau <= own[-1])
     known &= (own[last] - own[last - 1]) <= max(LONGEST_GAP, 5.0 * usual_interval(own))
     clipped = clipped_samples(imu.rates) | clipped_samples(imu.accelerations)
+    window = window_for(imu, usual_interval(times)) if smooth else 1
+    if window > 1:
+        imu, _ = smoothed(imu, window)
+        clipped = np.convolve(clipped, np.ones(window), "same") > 0.5
+        own = imu.seconds
     places = first[:, None] + np.arange(4)
     known &= ~clipped[places].any(axis=1)
     weights = _lagrange(own[places] - tau[:, None])

@@ -162,7 +162,7 @@ class _Tray:
 
     def readings(self, name: str) -> Resampled:
         """Return a unit's readings at the base unit's times."""
-        return resampled(self.recording(name).imu, self.units[name].clock, self.base.imu.seconds)
+        return resampled(self.recording(name).imu, self.units[name].clock, self.base.imu.seconds, smooth=True)
 
     def take_out(self, name: str) -> None:
         """Take a unit out of the mean."""
@@ -268,7 +268,7 @@ def _brought(read: _Kept, base: Recording, own: Resampled, name: str) -> tuple[A
     try:
         imu = imu if alone else read(name).imu
         clock = Clock(0.0) if alone else clock_of(imu, base.imu)
-        readings = own if alone else resampled(imu, clock, base.imu.seconds)
+        readings = own if alone else resampled(imu, clock, base.imu.seconds, smooth=True)
         return align(name, imu, clock, readings, own), readings
     except KreiselError as error:
         if alone:
@@ -306,7 +306,9 @@ def _outcome(tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn]
     def concluded(name: str) -> UnitOutcome:
         fit, own, turn = found.fits[name], tray.recording(name), turns.get(name)
         spread = spread_of(fit, mean.calibration, seconds)
-        calibration = unit_calibration(fit, mean.calibration, own, spread, _verdict(mean, turn), own.warnings, clock)
+        calibration = unit_calibration(
+            fit, mean.calibration, own, spread, _verdict(mean, turn, sure=name in turned), own.warnings, clock
+        )
         return UnitOutcome(name, calibration, fit, shares[name], turn)
 
     groups = _groups(list(found.fits))
@@ -315,13 +317,21 @@ def _outcome(tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn]
     return TrayOutcome(tray.base, mean, tuple(units), left_out, _poses(mean, units), tray.gain)
 
 
-def _verdict(mean: Outcome, turn: Turn | None) -> Verdict:
-    """Return the verdict of a unit: that of the mean, and against a unit that turned."""
+def _verdict(mean: Outcome, turn: Turn | None, *, sure: bool) -> Verdict:
+    """Return the verdict of a unit: that of the mean, and against a unit that turned.
+
+    sure: whether it can be told that it was this unit.
+    """
     verdict = mean.verdict
     if turn is None:
         return verdict
     angle = 1e3 * float(np.linalg.norm(turn.angle))
-    reason = f"it turned on its mount by {angle:.2g} mrad, {turn.seconds:.0f} s after the beginning; fasten it"
+    when = f"{turn.seconds:.0f} s after the beginning"
+    reason = (
+        f"it turned on its mount by {angle:.2g} mrad, {when}; fasten it"
+        if sure
+        else f"it or the other unit turned on its mount, by {2.0 * angle:.2g} mrad, {when}; fasten both"
+    )
     sensors = dict.fromkeys(verdict.sensors, "rejected")
     return replace(verdict, accepted=False, reasons=(*verdict.reasons, reason), sensors=sensors)
 

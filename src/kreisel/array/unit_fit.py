@@ -160,7 +160,7 @@ def fit_unit(
     seconds = common.motion.seconds
     for number in range(_ROUNDS):
         if moved:
-            readings = resampled(imu, clock, seconds)
+            readings = resampled(imu, clock, seconds, smooth=True)
             raw, whole = _mean_readings(readings, mean.width)
         if number < _NEW_FEATURES:
             features = _features(readings, common, sensors, layout, usual_temperature)

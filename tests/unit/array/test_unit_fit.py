@@ -153,6 +153,23 @@ def test_cubics_between_samples_are_exact_for_cubics_and_gaps_are_not_bridged(tm
     assert found.forces[found.known] == pytest.approx(2.0 * found.rates[found.known])
 
 
+def test_readings_of_a_higher_rate_are_smoothed_and_clipped_ones_not_used(tmp_path):
+    t = np.arange(8000) / 1000.0
+    motion = np.column_stack([np.sin(t), np.cos(2.0 * t), t])
+    noisy = motion + 0.01 * np.random.default_rng(1).normal(size=motion.shape)
+    times = np.arange(20, 780) / 100.0
+    imu = recorded(t, noisy, noisy, tmp_path)
+    left = [
+        found.rates - np.column_stack([np.sin(times), np.cos(2.0 * times), times])
+        for found in (resampled(imu, Clock(0.0), times), resampled(imu, Clock(0.0), times, smooth=True))
+    ]
+    assert np.std(left[1]) < 0.4 * np.std(left[0])
+    assert np.abs(left[1].mean(axis=0)).max() < 5e-4
+    clipped = resampled(recorded(t, np.minimum(noisy, 0.9), noisy, tmp_path), Clock(0.0), times, smooth=True)
+    assert not clipped.known[(np.sin(times) > 0.93) | (times > 1.0)].any()
+    assert clipped.known[(times < 0.7) & (np.cos(2.0 * times) < 0.8)].any()
+
+
 def test_clipped_samples_are_those_at_an_end_that_is_reached_for_long():
     values = np.random.default_rng(1).normal(size=(1000, 3))
     assert not clipped_samples(values).any()
