@@ -8,7 +8,8 @@ from pathlib import Path
 from kreisel.application.corrected_files import check_usable
 from kreisel.application.unit_check import check_units
 from kreisel.array.array_file import ArrayResult, ArrayUnit
-from kreisel.array.fused_imu import FusedImu, UnitReadings, fuse, in_words
+from kreisel.array.fused_imu import FusedImu, UnitReadings, fuse
+from kreisel.array.left_out import in_words, reason_of
 from kreisel.errors import KreiselError, RecordingError, SettingsError
 from kreisel.formats.folder import imus_in, is_folder, load_imu
 from kreisel.formats.write import write_imu_table
@@ -57,13 +58,14 @@ def fuse_files(
         try:
             readings, found = _readings(unit, raw, force=force)
         except KreiselError as error:
-            left_out[unit.name] = str(error).replace("\n", " ")
+            left_out[unit.name] = reason_of(error)
             continue
         units.append(readings)
         warnings += found
     if len(units) < 2:
-        told = f"{len(units)} of the units can be used, expected two or more; {in_words(left_out)}"
-        raise RecordingError(told, file=raw)
+        raise RecordingError(
+            f"{len(units)} of the units can be used, expected two or more; {in_words(left_out)}", file=raw
+        )
     try:
         imu = fuse(units, of_step(progress, "bring units together"))
     except RecordingError as error:

@@ -12,12 +12,12 @@ import numpy as np
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from kreisel.array.relative_pose import SCHEMA
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.files import MAX_YAML, check_entries, read_text
 from kreisel.geometry.rotation import Array
 
-SCHEMA = "kreisel-array-1"
 FILE = "array.yaml"
 
 _ORTHOGONAL = 1e-9

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.array.array_fit import ArrayFit
-from kreisel.array.relative_pose import AXES, CLOCK, RelativePose, clock_document
+from kreisel.array.relative_pose import AXES, CLOCK, SCHEMA, RelativePose, clock_document
 from kreisel.calibration.result import Calibration
 from kreisel.recording.recording import Recording
 from kreisel.synchronization.clock import Clock
@@ -64,7 +64,7 @@ class ArrayOutcome:
         """The content of `array.yaml`."""
         fit = self.fit
         return {
-            "schema": "kreisel-array-1",
+            "schema": SCHEMA,
             "reference": self.reference,
             "axes": AXES,
             "clock": CLOCK,

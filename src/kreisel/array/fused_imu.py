@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.array.clock_refinement import refined_clock
+from kreisel.array.left_out import in_words, reason_of
 from kreisel.array.lower_rate import smoothed, window_for
 from kreisel.array.mean_imu import MIN_EXPLAINED
 from kreisel.array.resampled import Resampled, clipped_samples, resampled, white_noise
@@ -31,9 +32,6 @@ from kreisel.synchronization.clock import Clock
 MAX_TURNED = 0.02
 """Share of the rates by which a unit may differ from the base in proportion to them. Chosen: scale factors of the
 cheapest gyros change by less after a calibration, and a mount is turned by more before it is seen, 1.1 degrees."""
-
-_TOLD = 3
-"""Reasons in one line."""
 
 SENSORS = ("gyro", "accel")
 
@@ -235,13 +233,6 @@ def fuse(units: Sequence[UnitReadings], progress: StepProgress | None = None) ->
     )  # fmt: skip
 
 
-def in_words(left_out: Mapping[str, str]) -> str:
-    """Return names and reasons of the first units that are left out, and how many more there are."""
-    told = [f"{name}: {reason}" for name, reason in left_out.items()][:_TOLD]
-    more = len(left_out) - len(told)
-    return "; ".join([*told, f"and {more} more"] if more else told)
-
-
 @dataclass(frozen=True)
 class _Group:
     """Units that move together, the base first, with their clocks against it."""
@@ -278,7 +269,7 @@ def _group(base: UnitReadings, units: Sequence[UnitReadings], progress: StepProg
         try:
             clock = _clock(unit, base)
         except KreiselError as error:
-            left_out[unit.name] = str(error).replace("\n", " ")
+            left_out[unit.name] = reason_of(error)
             continue
         found.append(unit)
         clocks.append(clock)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.array.clock_refinement import refined_clock
-from kreisel.array.resampled import resampled
+from kreisel.array.resampled import resampled, white_noise
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Mask, nearest_rotation
@@ -121,8 +121,7 @@ def hand_motion(
 def _slope_deviation(mean: Array, slope: Array, times: Array) -> Array:
     """Return the deviation of derivatives of a mean rate, (n,), rad/s^2."""
     central = np.gradient(mean, times, axis=0)
-    noise = float(np.median(np.abs(np.diff(mean, 3, axis=0)))) / (0.6745 * 20.0**0.5)
-    by_noise = 0.51 * noise / usual_interval(times)
+    by_noise = 0.51 * float(np.sqrt(np.mean(white_noise(mean) ** 2))) / usual_interval(times)
     return np.asarray(np.sqrt(np.mean((central - slope) ** 2, axis=1) + by_noise**2) + 1e-9)
 
 

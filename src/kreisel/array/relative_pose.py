@@ -43,6 +43,9 @@ class RelativePose:
         }
 
 
+SCHEMA = "kreisel-array-1"
+"""Of `array.yaml`."""
+
 AXES = (
     "of the reference unit: z along the sensitive axis of accelerometer z, y in the plane of y and z; origin in the "
     "middle of its accelerometers; rotation turns vectors of a unit into them"

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
+from kreisel.array.left_out import in_words, reason_of
 from kreisel.array.mean_imu import Aligned, MeanImu, align, gains_of
 from kreisel.array.mount_watch import Turn, turn_of
 from kreisel.array.relative_pose import RelativePose, relative_pose
@@ -33,6 +33,7 @@ from kreisel.inertial.correction import Block
 from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.parameters import PASSING_GROUPS
 from kreisel.progress import Progress
 from kreisel.recording.recording import Recording
 from kreisel.synchronization.clock import Clock
@@ -44,8 +45,6 @@ _ROOM = 1 << 29
 
 _TOGETHER = 4
 """Units that are read and fitted at the same time. Chosen: 0.2 GB for ten minutes."""
-
-_PASSING = ("gyro_gauss_markov", "accel_gauss_markov")
 
 MIN_UNITS = 3
 """Units among which one that disagrees with the others can be named."""
@@ -89,7 +88,7 @@ def calibrate_tray(
         worst = max(
             (name for name in found.turns if name not in turned), key=lambda n: found.turns[n].weight, default=None
         )
-        if worst is None or len(tray.units) - len(turned) <= MIN_UNITS - 1:
+        if worst is None or len(tray.units) - len(turned) < MIN_UNITS:
             break
         turned[worst] = found.turns[worst]
         tray.take_out(worst)
@@ -154,9 +153,8 @@ class _Tray:
                     units[name], readings = found
                     mean.add(units[name], readings)
         if len(units) < 2:
-            reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
             raise RecordingError(
-                f"no other IMU moves with {names[0]}: {reasons}; choose one with --imu", file=base.path
+                f"no other IMU moves with {names[0]}: {in_words(left_out)}; choose one with --imu", file=base.path
             )
         return cls(read, base, units, left_out, mean)
 
@@ -201,10 +199,6 @@ def unit_reader(base: Recording) -> Callable[[str], Recording]:
     return read
 
 
-def _words(error: KreiselError) -> str:
-    return str(error).replace("\n", " ")
-
-
 @dataclass(frozen=True)
 class _Fitted:
     """Fits of all units that can be fitted, and which turned on their mounts."""
@@ -235,7 +229,7 @@ def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None, executor: Exe
             start = _start(calibration.sensors, unit)
             return fit_unit(tray.recording(name).imu, clock, common, start, sizes, imu.usual_temperature)
         except KreiselError as error:
-            return _words(error)
+            return reason_of(error)
 
     names = list(tray.units)
     for group in _groups(names):
@@ -273,7 +267,7 @@ def _brought(read: _Kept, base: Recording, own: Resampled, name: str) -> tuple[A
     except KreiselError as error:
         if alone:
             raise
-        return _words(error)
+        return reason_of(error)
 
 
 def _sizes(calibration: Calibration) -> dict[str, int]:
@@ -282,7 +276,7 @@ def _sizes(calibration: Calibration) -> dict[str, int]:
     return {
         group: np.asarray(values[group]).size
         for group in EFFECTS
-        if group in values and group not in _PASSING and np.any(values[group])
+        if group in values and group not in PASSING_GROUPS and np.any(values[group])
     }
 
 
@@ -292,7 +286,7 @@ def _start(mean: SensorParameters, aligned: Aligned) -> SensorParameters:
     k_w, k_a = mean.k_w.copy(), mean.k_a.copy()
     k_w[0] = np.linalg.solve(C_w[:, :3], mean.k_w[0] + C_w[:, 3])
     k_a[0] = np.linalg.solve(C_a[:, :3], mean.k_a[0] + C_a[:, 3])
-    others = {group: value for group, value in mean.others.items() if group not in _PASSING}
+    others = {group: value for group, value in mean.others.items() if group not in PASSING_GROUPS}
     return SensorParameters(mean.K_omega @ C_w[:, :3], k_w, mean.K_a @ C_a[:, :3], k_a, mean.lever_arms.copy(), others)
 
 
@@ -358,10 +352,3 @@ def _odds(share: Array) -> float:
     """Return share / (1 - share), of the mean over both kinds of sensors."""
     own = float(np.mean(share))
     return own / max(1.0 - own, 1e-9)
-
-
-def imu_names(path: Path) -> tuple[str, ...]:
-    """Return the names of the IMUs in a recording folder; empty where the path is none."""
-    from kreisel.formats.folder import imus_in, is_folder
-
-    return imus_in(path) if is_folder(path) else ()

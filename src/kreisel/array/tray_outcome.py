@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.array.mount_watch import Turn
-from kreisel.array.relative_pose import AXES, CLOCK, RelativePose, clock_document
+from kreisel.array.relative_pose import AXES, CLOCK, SCHEMA, RelativePose, clock_document
 from kreisel.array.unit_fit import UnitFit
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
@@ -75,7 +75,7 @@ class TrayOutcome:
     def array_document(self) -> dict[str, object]:
         """The content of `array.yaml`."""
         return {
-            "schema": "kreisel-array-1",
+            "schema": SCHEMA,
             "reference": self.reference,
             "axes": AXES,
             "clock": CLOCK,

@@ -10,6 +10,7 @@ import numpy as np
 from kreisel.array.array_fit import fit_array
 from kreisel.array.array_outcome import ArrayMember, ArrayOutcome
 from kreisel.array.hand_motion import HandMotion, hand_motion, matrix_deviation
+from kreisel.array.left_out import in_words, reason_of
 from kreisel.array.relative_pose import RelativePose
 from kreisel.array.resampled import clipped_samples
 from kreisel.array.unit_clock import clock_of
@@ -53,7 +54,8 @@ def locate(
         If there are no two IMUs that move together, or too little motion.
     """
     base = read(names[0])
-    members, imus, sensors, clocks, left_out = [], [], [], [], []
+    members, imus, sensors, clocks = [], [], [], []
+    left_out: dict[str, str] = {}
     for k, name in enumerate(names):
         if progress is not None:
             progress("calibrate by standstills", k / len(names))
@@ -63,7 +65,7 @@ def locate(
         except KreiselError as error:
             if k == 0:
                 raise
-            left_out.append((name, str(error)))
+            left_out[name] = reason_of(error)
             continue
         member = _member(name, recording)
         members.append(member)
@@ -71,12 +73,12 @@ def locate(
         sensors.append(_sensors(member, recording.imu))
         clocks.append(clock)
     if len(members) < 2:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out) or "there is one IMU only"
+        reasons = in_words(left_out) or "there is one IMU only"
         raise RecordingError(f"no two IMUs that move together: {reasons}", file=base.path)
     if progress is not None:
         progress("estimate positions", 0.5)
     motion = hand_motion(imus, sensors, clocks, [~_clipped(imu) for imu in imus])
-    return _concluded(base, members, imus, motion, tuple(left_out))
+    return _concluded(base, members, imus, motion, tuple(left_out.items()))
 
 
 def _concluded(

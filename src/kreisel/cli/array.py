@@ -23,17 +23,18 @@ def array(
     """
     import json as as_json
 
-    from kreisel.array.tray import imu_names, unit_reader
+    from kreisel.array.tray import unit_reader
     from kreisel.array.without_reference import locate
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import RecordingError
+    from kreisel.formats.folder import imus_in
     from kreisel.formats.loading import load
 
     if output is not None:
         check_output(output)
     base = load(recording)
-    names = imu_names(recording)
+    names = imus_in(recording)
     if len(names) < 2:
         raise RecordingError(
             "has one IMU; an array is a folder with imu0, imu1, …, each with its data.csv", file=recording

@@ -196,13 +196,14 @@ def _all_units(
 
     options: --inject, --validate and --json.
     """
-    from kreisel.array.tray import imu_names
-    from kreisel.cli.tray import calibrate_units
     from kreisel.errors import SettingsError
+    from kreisel.formats.folder import imus_in
 
-    names, (inject, validate, as_json) = imu_names(path), options
+    names, (inject, validate, as_json) = imus_in(path), options
     if len(names) < 2:
         return False
+    from kreisel.cli.tray import calibrate_units
+
     if inject:
         raise SettingsError("--inject is for one IMU; choose it with --imu")
     calibrate_units(read_one(path), names, settings, output, within, validate=validate, as_json=as_json)

@@ -113,6 +113,7 @@ def export(
 def _export_array(array: ArrayResult, to: str, output: Path, given: _Given, *, force: bool) -> None:
     """Write the units of a tray into one file; other units than the reference are left out if they were rejected."""
     from kreisel.application.corrected_files import check_usable
+    from kreisel.array.left_out import in_words
     from kreisel.calibration.device_axes import AXES
     from kreisel.errors import RecordingError, SettingsError
     from kreisel.exchange.exported import ArrayRequest, ExportRequest, PlacedUnit
@@ -135,8 +136,7 @@ def _export_array(array: ArrayResult, to: str, output: Path, given: _Given, *, f
             notes.append(f"{unit.name}: not observable, do not rely on: {', '.join(own.verdict.unobservable)}")
         notes += [f"{unit.name}: {text}" for text in (_doubts(request) if target.noise else [])]
     if len(units) < 2:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
-        raise RecordingError(f"no unit is left beside {array.reference.name}: {reasons}", file=array.folder)
+        raise RecordingError(f"no unit is left beside {array.reference.name}: {in_words(left_out)}", file=array.folder)
     done = target.export(ArrayRequest(array.folder.resolve().name, tuple(units), left_out))
     files = _written(done.files, output, force=force)
     typer.echo(f"places in the axes of {array.reference.name}, imu: {AXES['imu']}")
@@ -218,8 +218,8 @@ def _noise(calibration: Calibration, given: _Given, imu: str | None, *, needed: 
         raise SettingsError("--grade, --at-rest and --noise are for formats with noise figures: kalibr and openvins")
     resting = None
     if given.at_rest is not None:
-        from kreisel.array.tray import imu_names
+        from kreisel.formats.folder import imus_in
         from kreisel.formats.loading import load
 
-        resting = load(given.at_rest, imu=imu if len(imu_names(given.at_rest)) > 1 else None).imu
+        resting = load(given.at_rest, imu=imu if len(imus_in(given.at_rest)) > 1 else None).imu
     return noise_of(calibration, given.grade, resting, given.noise)
