@@ -1,4 +1,4 @@
-"""The pages of the API reference: `python design/api_pages.py FOLDER`.
+"""The pages of the API reference: `python design/api_pages.py FOLDER [PACKAGE…]`.
 
 The public names of `kreisel` are imported when they are asked for; here they are, so that their pages have signatures,
 shapes and text.
@@ -27,8 +27,8 @@ numpy.typing.ArrayLike = ArrayLike  # type: ignore[assignment]
 import kreisel  # noqa: E402 - after the name above
 
 
-def write(folder: Path) -> None:
-    """Write the pages of all packages into a folder."""
+def write(folder: Path, *only: str) -> None:
+    """Write the pages of all packages into a folder, or of some only."""
     for name in kreisel.__all__:
         setattr(kreisel, name, getattr(kreisel, name))
     root = Path(kreisel.__file__).parent
@@ -36,7 +36,8 @@ def write(folder: Path) -> None:
     pdoc.render.configure(docformat="numpy", template_directory=Path(__file__).with_name("api_templates"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of names that are imported for types alone
-        pdoc.pdoc("kreisel", *(f"kreisel.{name}" for name in packages), output_directory=folder)
+        names = ("kreisel", *(f"kreisel.{name}" for name in only or packages))
+        pdoc.pdoc(*names, output_directory=folder)
     for page in folder.rglob("*.html"):
         page.write_text(accessible(page.read_text(encoding="utf-8")), encoding="utf-8")
 
@@ -50,4 +51,4 @@ def accessible(text: str) -> str:
 
 
 if __name__ == "__main__":
-    write(Path(sys.argv[1]))
+    write(Path(sys.argv[1]), *sys.argv[2:])

@@ -1,5 +1,7 @@
 """Noise in motion, judged by a plain strapdown filter that shares no code with the package, in blocks not used."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.optimize import nnls
@@ -11,11 +13,21 @@ from kreisel.calibration.motion_noise import _nonnegative, motion_noise
 from kreisel.model.calibration_settings import CalibrationSettings
 
 GAP = 2.0  # s
+DIAGONAL = np.arange(15)
 OFFSETS = (1e-3, 0.02)  # rad/s, m/s^2: by how much they may have changed
 
 
 def skew(v):
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def turn(v):
+    """Rotation by a vector, by Rodrigues' formula."""
+    angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if angle < 1e-12:
+        return np.eye(3) + skew(v)
+    N = skew(v / angle)
+    return np.eye(3) + math.sin(angle) * N + (1.0 - math.cos(angle)) * N @ N
 
 
 def earth_rate(recording, calibration):
@@ -51,6 +63,7 @@ def mean_nees(recording, calibration, gyro, accel, walks, position_sd, attitude_
     p, v, C = poses.positions[i].copy(), np.zeros(3), places[i].as_matrix()
     P = np.diag(np.repeat([position_sd, 10.0, attitude_sd, *OFFSETS], 3) ** 2)
     b, c = np.zeros(3), np.zeros(3)
+    densities = np.square(np.repeat([0.0, accel, gyro, walks[0], walks[1]], 3))
     now, k, updated, gaps, sums = at[i], int(np.searchsorted(t, at[i], side="right")) - 1, at[i], 0, []
     for i in usable[1:]:
         while now < at[i] - 1e-12:
@@ -58,30 +71,27 @@ def mean_nees(recording, calibration, gyro, accel, walks, position_sd, attitude_
             dt = until - now
             middle = (0.5 * (now + until) - t[k]) / (t[k + 1] - t[k])
             w = (1.0 - middle) * rates[k] + middle * rates[k + 1] - C.T @ earth - b
-            f = (
-                C
-                @ Rotation.from_rotvec(0.5 * w * dt).as_matrix()
-                @ ((1.0 - middle) * forces[k] + middle * forces[k + 1] - c)
-            )
+            half = turn(0.5 * w * dt)
+            f = C @ half @ ((1.0 - middle) * forces[k] + middle * forces[k + 1] - c)
             p = p + v * dt + 0.5 * (f + g) * dt**2
             v = v + (f + g) * dt
-            C = C @ Rotation.from_rotvec(w * dt).as_matrix()
+            C = C @ half @ half
             F = np.eye(15)
             F[:3, 3:6] = dt * np.eye(3)
             F[3:6, 6:9] = -dt * skew(f)
             F[3:6, 12:] = F[6:9, 9:12] = -dt * C
             P = F @ P @ F.T
-            P[3:6, 3:6] += accel**2 * dt * np.eye(3)
-            P[6:9, 6:9] += gyro**2 * dt * np.eye(3)
-            P[9:12, 9:12] += walks[0] ** 2 * dt * np.eye(3)
-            P[12:, 12:] += walks[1] ** 2 * dt * np.eye(3)
+            P[DIAGONAL, DIAGONAL] += densities * dt
             now = until
             if now >= t[k + 1]:
                 k += 1
+        unused = (now - at[usable[0]]) // 10.0 % 2 == 1
+        judged = gaps >= 5 and now - updated > 0.5 * GAP and unused
+        if not judged and now - updated <= GAP:
+            continue
         error = np.concatenate([p - poses.positions[i], Rotation.from_matrix(C @ places[i].as_matrix().T).as_rotvec()])
         S = H @ P @ H.T + R
-        unused = (now - at[usable[0]]) // 10.0 % 2 == 1
-        if gaps >= 5 and now - updated > 0.5 * GAP and unused:
+        if judged:
             sums.append(error @ np.linalg.solve(S, error) / 6.0)
         if now - updated > GAP:
             K = np.linalg.solve(S, H @ P).T

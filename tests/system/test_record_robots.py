@@ -116,7 +116,8 @@ def test_a_controller_started_anew_has_a_topic_of_its_own(tmp_path):
     status, path = with_robot(tmp_path, sent)
     leap = float(next(found[1] for note in status.notes if (found := re.search(r"leapt by (-[\d.]+) s", note))))
     back = -119e-9 * CYCLE_NS - 4.0  # by the stamps; the host's clock went on meanwhile
-    assert back - status.seconds < leap < back
+    late = 0.2  # s, by which a telegram may arrive later than another on a busy machine
+    assert back - status.seconds < leap < back + late
     assert status.robot.epoch == 2
     recording = load_bag(path)
     assert recording.reference.name == "/robot/pose"
