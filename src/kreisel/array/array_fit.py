@@ -2,8 +2,9 @@
 
 At every sample the acceleration of the first IMU, the angular acceleration, and how both change are unknowns of their
 own: products of rates give the scale of positions. With fewer than four IMUs the rates' derivatives count, too, by how
-well they are known. Each IMU may read at a moment of its own, which its gyros show: the difference of its rates from
-the mean, along the angular acceleration.
+well they are known. Offsets of accelerometers drift while units warm up; the mean of squared rates would take that for
+a position, so offset and drift are estimated, too. Each IMU may read at a moment of its own, which its gyros show: the
+difference of its rates from the mean, along the angular acceleration.
 """
 
 from __future__ import annotations
@@ -20,9 +21,10 @@ _JERK, _ANGULAR_JERK = 5e3, 6e4
 """m/s^3 and rad/s^3: usual sizes of what changes within a sample, as a prior. Chosen: those of the quickest shaking by
 hand."""
 
-_PRIORS = {"position": 1.0, "turn": 1e-2, "arm": 1e-3, "matrix": 2e-3, "lag": 5e-3, "smoothing": 3e-5}
+_PRIORS = {"position": 1.0, "turn": 1e-2, "arm": 1e-3, "matrix": 2e-3, "offset": 5e-2, "lag": 5e-3, "smoothing": 3e-5}
 """Standard deviations: position (m), turn against the first estimate (rad), position of one accelerometer against that
-of its IMU (m), matrix, lag of accelerometers behind gyros (s), smoothing beyond the gyros' (s^2)."""
+of its IMU (m), matrix, offset beside that at the standstills and half its drift (m/s^2), lag of accelerometers behind
+gyros (s), smoothing beyond the gyros' (s^2). The offset's: 5 mg, by which inexpensive units drift when they warm up."""
 
 _PASSES, _ROBUST = 12, 3
 """Passes, and the one from which samples count by Student's distribution."""
@@ -78,7 +80,7 @@ class ArrayFit:
 
 
 class _Layout:
-    """Where the parameters stand: position and turn of the further IMUs; arms and matrix of each; common ones."""
+    """Where the parameters stand: position and turn of the further IMUs; arms, matrix, offsets of each; common ones."""
 
     def __init__(self, count: int, gyro: Array) -> None:
         self.count = count
@@ -90,10 +92,12 @@ class _Layout:
         at += 9 * count
         self.matrix = [[slice(at + 9 * k + 3 * j, at + 9 * k + 3 * j + 3) for j in range(3)] for k in range(count)]
         at += 9 * count
+        self.offset = [slice(at + 6 * k, at + 6 * k + 6) for k in range(count)]
+        at += 6 * count
         self.gyro, self.lag, self.smoothing = slice(at, at + 9), at + 9, at + 10
         self.size = at + 11
-        sizes = [3 * (count - 1), 3 * (count - 1), 9 * count, 9 * count]
-        names = ("position", "turn", "arm", "matrix")
+        sizes = [3 * (count - 1), 3 * (count - 1), 9 * count, 9 * count, 6 * count]
+        names = ("position", "turn", "arm", "matrix", "offset")
         own = np.repeat([_PRIORS[name] for name in names], sizes)
         self.deviations = np.concatenate([own, gyro, [_PRIORS["lag"], _PRIORS["smoothing"]]])
 
@@ -301,8 +305,10 @@ def _rows(
     H = np.zeros((samples, 3 * layout.count, 12 if changing else 6))
     J = np.zeros((samples, 3 * layout.count, layout.size))
     known = np.zeros((samples, 3 * layout.count))
+    late = np.interp(motion.seconds[part], motion.seconds[[0, -1]], [-1.0, 1.0])
     for k in range(layout.count):
         turn = layout.turn[k]
+        offset, drift = theta[layout.offset[k]].reshape(2, 3)
         axes = motion.axes[k] @ (np.eye(3) if turn is None else matrix(exp(theta[turn])))
         omega = mean + (delays[k] + theta[layout.lag])[:, None] * alpha
         for j in range(3):
@@ -314,7 +320,8 @@ def _rows(
                 H[:, row, 9:] = delays[k][:, None] * across * _ANGULAR_JERK
             centripetal = (omega @ s)[:, None] * omega - np.sum(omega**2, axis=1)[:, None] * s
             bent = motion.curvature[part] @ s
-            known[:, row] = (centripetal + theta[layout.smoothing] * bent) @ r
+            known[:, row] = (centripetal + theta[layout.smoothing] * bent) @ r + offset[j] + late * drift[j]
+            J[:, row, layout.offset[k].start + j], J[:, row, layout.offset[k].start + 3 + j] = 1.0, late
             by_position = np.cross(s, alpha) + centripetal
             J[:, row, layout.arm[k][j]] = by_position
             if layout.position[k] is not None:
