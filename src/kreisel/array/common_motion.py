@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Indices, skew
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.correction import Block, corrected
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.inertial.slopes import LocalCubics, local_cubics, usual_interval
@@ -42,6 +43,17 @@ class BodyMotion:
     angular_accelerations: Array
     forces: Array
     cubics: LocalCubics
+
+    @cached_property
+    def field(self) -> Array:
+        """[alpha x] + [omega x]^2, (n, 3, 3), 1/s^2: by how much the force grows with the distance."""
+        alpha, square = self.angular_accelerations, np.sum(self.rates**2, axis=1)
+        out = self.rates[:, :, None] * self.rates[:, None, :]
+        for k, (row, column) in enumerate(((2, 1), (0, 2), (1, 0))):
+            out[:, k, k] -= square
+            out[:, row, column] += alpha[:, k]
+            out[:, column, row] -= alpha[:, k]
+        return np.asarray(out)
 
     @classmethod
     def of(cls, raw: Block, sensors: SensorParameters) -> BodyMotion:
@@ -80,8 +92,7 @@ class MeanMotion:
     def of(cls, motion: BodyMotion) -> MeanMotion:
         """Return the means of a motion."""
         width = max(1, round(_MEAN / float(np.median(np.diff(motion.seconds)))))
-        field = _field(motion.rates, motion.angular_accelerations)
-        slopes = motion.cubics.slopes
+        field, slopes = motion.field, motion.cubics.slopes
         whole = (
             motion.seconds, motion.rates, motion.forces, field, motion.angular_accelerations, slopes(motion.forces),
             slopes(field.reshape(-1, 9)).reshape(-1, 3, 3),
@@ -98,12 +109,6 @@ def averaged(values: Array, width: int) -> Array:
     """Return means (n / width, …) over rows of so many samples (n, …); a last row that is not whole is left out."""
     n = len(values) // width
     return np.asarray(values[: n * width].reshape(n, width, *values.shape[1:]).mean(axis=1))
-
-
-def _field(rates: Array, angular_accelerations: Array) -> Array:
-    """Return [alpha x] + [omega x]^2, (n, 3, 3)."""
-    W = skew(rates)
-    return np.asarray(skew(angular_accelerations) + W @ W)
 
 
 @dataclass(frozen=True)
@@ -149,8 +154,7 @@ class MotionErrors:
 def _means(raw: Block, sensors: SensorParameters, width: int) -> tuple[Array, Array, Array]:
     """Return the means of rates, forces and the field that raw readings show."""
     motion = BodyMotion.of(raw, sensors)
-    field = _field(motion.rates, motion.angular_accelerations)
-    return averaged(motion.rates, width), averaged(motion.forces, width), averaged(field, width)
+    return averaged(motion.rates, width), averaged(motion.forces, width), averaged(motion.field, width)
 
 
 def _excerpt(n: int, length: int) -> Indices:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,10 +61,12 @@ def resampled(imu: ImuSamples, clock: Clock, times: Array, *, smooth: bool = Fal
         imu, _ = smoothed(imu, window)
         clipped = np.convolve(clipped, np.ones(window), "same") > 0.5
         own = imu.seconds
-    places = first[:, None] + np.arange(4)
-    known &= ~clipped[places].any(axis=1)
-    weights = _lagrange(own[places] - tau[:, None])
-    values = np.where(known[:, None], np.einsum("nk,nkj->nj", weights, _joined(imu)[places]), 0.0)
+    if clipped.any():
+        known &= ~(clipped[first] | clipped[first + 1] | clipped[first + 2] | clipped[first + 3])
+    weights, joined = _lagrange([own[first + k] - tau for k in range(4)]), _joined(imu)
+    values = np.zeros((times.size, joined.shape[1]))
+    for k in range(4):
+        values += np.where(known, weights[k], 0.0)[:, None] * joined[first + k]
     temperature = values[:, 6] if imu.temperature is not None else None
     return Resampled(values[:, :3], values[:, 3:6], temperature, known)
 
@@ -73,13 +76,15 @@ def _joined(imu: ImuSamples) -> Array:
     return np.hstack(parts if imu.temperature is None else [*parts, imu.temperature[:, None]])
 
 
-def _lagrange(x: Array) -> Array:
-    """Return weights (n, 4) of values at x (n, 4) in that at zero of the cubic through them."""
-    out = np.ones_like(x)
-    for k in range(4):
-        for j in range(4):
-            if j != k:
-                out[:, k] *= x[:, j] / (x[:, j] - x[:, k])
+def _lagrange(x: Sequence[Array]) -> list[Array]:
+    """Return weights (n,) of values at four x (n,) in that at zero of the cubic through them."""
+    out = []
+    for k, own in enumerate(x):
+        others = [x[j] for j in range(4) if j != k]
+        above, below = others[0] * others[1] * others[2], np.ones_like(own)
+        for other in others:
+            below *= other - own
+        out.append(above / below)
     return out
 
 

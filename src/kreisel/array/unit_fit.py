@@ -15,7 +15,7 @@ import numpy as np
 from kreisel.array.common_motion import BodyMotion, MeanMotion, MotionErrors, averaged
 from kreisel.array.resampled import Resampled, resampled
 from kreisel.errors import EstimationError
-from kreisel.geometry.rotation import Array, Indices, Mask, skew
+from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.correction import Block
 from kreisel.inertial.effects import EFFECTS, RawReadings, features_of, groups_of, places_of
 from kreisel.inertial.sensor_model import SensorParameters
@@ -244,7 +244,7 @@ class _Layout:
 
     def moved(self, p: SensorParameters, change: Array) -> SensorParameters:
         """Return parameters moved by changes of what readings are linear in."""
-        G, S = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a)
+        G, S = _inverse(p.K_omega), _inverse(p.K_a)
         gyro, accel = change[:12].reshape(3, 4), change[12:33].reshape(3, 7)
         k_w, k_a, others = p.k_w.copy(), p.k_a.copy(), dict(p.others)
         k_w[0] += gyro[:, 3]
@@ -286,15 +286,12 @@ def _features(
     motion, width = common.motion, common.mean.width
     if not layout.sizes:
         return dict.fromkeys(("gyroscope", "accelerometer"), np.zeros((common.mean.seconds.size, 0)))
-    G, S = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a)
-    W = skew(motion.rates)
-    field = skew(motion.angular_accelerations) + W @ W
-    at = motion.forces[:, None, :] + np.einsum("nkl,jl->njk", field, p.lever_arms)  # force at each accelerometer
+    G, S = _inverse(p.K_omega), _inverse(p.K_a)
     warm = np.zeros(motion.seconds.size)
     if readings.temperature is not None and usual_temperature is not None:
         warm = readings.temperature - usual_temperature
     shown = RawReadings(
-        motion.seconds, motion.rates @ G.T - p.k_w[0], np.einsum("njk,jk->nj", at, S) - p.k_a[0],
+        motion.seconds, motion.rates @ G.T - p.k_w[0], _along(motion.forces, motion.field, S, p) - p.k_a[0],
         motion.cubics.slopes, motion.cubics.curvatures, warm,
     )  # fmt: skip
     return {
@@ -302,15 +299,24 @@ def _features(
     }
 
 
+def _along(forces: Array, field: Array, S: Array, p: SensorParameters) -> Array:
+    """Return forces (n, 3) along the rows of S, each at the place of its accelerometer."""
+    return np.asarray(forces @ S.T + field.reshape(-1, 9) @ (S[:, :, None] * p.lever_arms[:, None, :]).reshape(3, 9).T)
+
+
 def _rows(
     raw: Array, features: Mapping[str, Array], mean: MeanMotion, p: SensorParameters, layout: _Layout
 ) -> list[_Axis]:
     """Return the rows of all six axes."""
-    G, S, m = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a), mean.seconds.size
-    at = mean.forces[:, None, :] + np.einsum("nkl,jl->njk", mean.field, p.lever_arms)
-    at_slopes = mean.force_slopes[:, None, :] + np.einsum("nkl,jl->njk", mean.field_slopes, p.lever_arms)
-    predicted = {"gyroscope": mean.rates @ G.T - p.k_w[0], "accelerometer": np.einsum("njk,jk->nj", at, S) - p.k_a[0]}
-    slopes = {"gyroscope": mean.rate_slopes @ G.T, "accelerometer": np.einsum("njk,jk->nj", at_slopes, S)}
+    G, S, m = _inverse(p.K_omega), _inverse(p.K_a), mean.seconds.size
+    predicted = {
+        "gyroscope": mean.rates @ G.T - p.k_w[0],
+        "accelerometer": _along(mean.forces, mean.field, S, p) - p.k_a[0],
+    }
+    slopes = {
+        "gyroscope": mean.rate_slopes @ G.T,
+        "accelerometer": _along(mean.force_slopes, mean.field_slopes, S, p),
+    }
     middle = 0.5 * (mean.seconds[0] + mean.seconds[-1])
     along = (mean.seconds - middle) / (0.5 * float(mean.seconds[-1] - mean.seconds[0]))
     one, clock, out = -np.ones((m, 1)), np.array([layout.count - 2, layout.count - 1]), []
@@ -323,8 +329,9 @@ def _rows(
         if sensor == "gyroscope":
             first, begin = np.hstack([mean.rates, one]), np.arange(4 * j, 4 * j + 4)
         else:  # s_j . (Omega r) = r . (Omega' s_j)
-            by_arm = np.einsum("nkl,k->nl", mean.field, S[j])
-            first, begin = np.hstack([at[:, j], one, by_arm]), 12 + np.arange(7 * j, 7 * j + 7)
+            at = mean.forces + mean.field @ p.lever_arms[j]
+            by_arm = np.swapaxes(mean.field, 1, 2) @ S[j]
+            first, begin = np.hstack([at, one, by_arm]), 12 + np.arange(7 * j, 7 * j + 7)
         out.append(
             _Axis(
                 np.hstack([first, -of_effects, late]),
@@ -426,7 +433,7 @@ def _excess(solved: _Solved, row: float) -> Array:
 def _response(solved: _Solved, errors: MotionErrors, p: SensorParameters) -> tuple[Array, Array]:
     """Return information, and the sums of what errors of the motion do to the readings, over an excerpt."""
     rows, q = errors.rows, errors.rates.shape[2]
-    G, S = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a)
+    G, S = _inverse(p.K_omega), _inverse(p.K_a)
     A, B = np.zeros((solved.change.size,) * 2), np.zeros((solved.change.size, q))
     for k, axis in enumerate(solved.axes):
         j = k % 3

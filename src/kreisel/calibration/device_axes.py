@@ -14,7 +14,7 @@ import numpy as np
 
 from kreisel.calibration.result_sections import DeviceTriad, Measured
 from kreisel.errors import SettingsError, unknown_name
-from kreisel.geometry.rotation import Array, from_matrix, log, nearest_rotation, right_angle_turns
+from kreisel.geometry.rotation import Array, from_matrix, log, nearest_rotation, right_angle_turns, skew
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import parameter_names
 from kreisel.units import DEG
@@ -40,9 +40,9 @@ NAMES = tuple(name for group in _LINEAR for name in parameter_names(group, 1))
 Unpack = Callable[[Array], SensorParameters]
 """From changes of the estimated parameters to the parameters."""
 
-_STEP = 1e-6
-"""SI; step of central differences by a sensor parameter. Chosen: the square of it is the error by curvature, 1e-12, and
-1e-16 over it that by rounding, 1e-10."""
+_K_OMEGA, _K_A = (first + np.arange(9).reshape(3, 3).T for first in (0, 12))
+_ARMS, _K_W, _K_A_OFFSET = 24 + np.arange(9).reshape(3, 3), np.arange(9, 12), np.arange(21, 24)
+"""Where `vector_of` has the columns of the matrices, one in each row here; the arms; the offsets."""
 
 
 def vector_of(p: SensorParameters) -> Array:
@@ -149,24 +149,48 @@ class Linearised:
 
 
 def linearised(p: SensorParameters, axes: str) -> Linearised:
-    """Return the parameters in other axes, by central differences.
+    """Return the parameters in other axes.
 
     Raises
     ------
     SettingsError
         For `nominal`, where the mounting is far from right angles.
+
+    Notes
+    -----
+    With dC_bs = C_bs [rho x]: d(C^T K) = C^T dK + [k' x] rho for every column k' of C^T K, and likewise for the arms.
     """
     C, origin = frame_of(p, axes)
+    own = turned(p, C, origin)
+    rotation, shift = _frame_moved(own, C, axes)
+    J = np.zeros((len(NAMES), len(NAMES)))
+    for at in (_K_OMEGA, _K_A, _ARMS):
+        J[np.ix_(at.ravel(), at.ravel())] = np.kron(np.eye(3), C.T)
+    for at, vectors in ((_K_OMEGA, own.K_omega.T), (_K_A, own.K_a.T), (_ARMS, own.lever_arms)):
+        J[at] += skew(vectors) @ rotation
+    J[_ARMS] -= C.T @ shift
+    offsets = np.concatenate([_K_W, _K_A_OFFSET])
+    J[offsets, offsets] = 1.0
+    return Linearised(clean(own, axes), C, origin, J, np.vstack([rotation, shift]))
 
-    def moved(x: Array) -> Array:
-        q = with_vector(p, x)
-        C_moved, origin_moved = frame_of(q, axes)
-        rotation = log(from_matrix(C.T @ C_moved))
-        return np.concatenate([vector_of(turned(q, C_moved, origin_moved)), rotation, origin_moved])
 
-    x = vector_of(p)
-    J = np.column_stack([(moved(x + _STEP * e) - moved(x - _STEP * e)) / (2.0 * _STEP) for e in np.eye(x.size)])
-    return Linearised(clean(turned(p, C, origin), axes), C, origin, J[: x.size], J[x.size :])
+def _frame_moved(own: SensorParameters, C: Array, axes: str) -> tuple[Array, Array]:
+    """Return what the parameters do to the rotation (3, 33) of a frame, rad in s, and its origin (3, 33) in b.
+
+    own: the parameters in the frame.
+    """
+    rotation, shift = np.zeros((3, len(NAMES))), np.zeros((3, len(NAMES)))
+    if axes == "tool":
+        return rotation, shift
+    for arm in _ARMS:
+        shift[:, arm] = np.eye(3) / 3.0
+    name, at = {"imu": ("K_a", _K_A), "gyro": ("K_omega", _K_OMEGA), "nominal": ("", _K_A)}[axes]
+    if name:
+        # (C^T dK - [rho x] T) T^-1 is upper triangular
+        inverse = np.linalg.inv(getattr(own, name))
+        for k, (row, column, sign) in enumerate(((2, 1, 1.0), (2, 0, -1.0), (1, 0, 1.0))):
+            rotation[k, at.ravel()] = sign * np.outer(inverse[:, column], C[:, row]).ravel()
+    return rotation, shift
 
 
 def clean(p: SensorParameters, axes: str) -> SensorParameters:

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.data_sheet import gyro_to_accel
-from kreisel.calibration.device_axes import NAMES, nearest_right_angles, upper_triangular, vector_of, with_vector
+from kreisel.calibration.device_axes import (
+    NAMES,
+    frame_of,
+    linearised,
+    nearest_right_angles,
+    turned,
+    upper_triangular,
+    vector_of,
+    with_vector,
+)
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_document import from_document
 from kreisel.calibration.result_sections import Measured
@@ -51,6 +60,31 @@ def test_the_triad_that_defines_the_axes_is_upper_triangular():
         sensitive = np.linalg.inv(K)
         np.testing.assert_allclose(sensitive[2] / np.linalg.norm(sensitive[2]), [0.0, 0.0, 1.0], atol=1e-15)
         assert sensitive[1, 0] == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("axes", "handed"), [("tool", 1.0), ("imu", 1.0), ("imu", -1.0), ("gyro", 1.0), ("gyro", -1.0), ("nominal", 1.0)]
+)
+def test_derivatives_are_those_of_central_differences(axes, handed):
+    rng, signs = np.random.default_rng(8), np.diag([1.0, 1.0, handed])
+    turn = matrix(exp(0.05 * rng.normal(size=3)))
+    p = replace(
+        calibration().sensors,
+        K_omega=turn @ (np.eye(3) + 0.02 * rng.normal(size=(3, 3))) @ signs,
+        K_a=turn @ (np.eye(3) + 0.02 * rng.normal(size=(3, 3))) @ signs,
+        lever_arms=0.1 * rng.normal(size=(3, 3)),
+    )
+    C, _ = frame_of(p, axes)
+
+    def moved(x):
+        q = with_vector(p, x)
+        C_moved, origin = frame_of(q, axes)
+        return np.concatenate([vector_of(turned(q, C_moved, origin)), log(from_matrix(C.T @ C_moved)), origin])
+
+    x, step = vector_of(p), 1e-6
+    J = np.column_stack([(moved(x + step * e) - moved(x - step * e)) / (2.0 * step) for e in np.eye(x.size)])
+    found = linearised(p, axes)
+    np.testing.assert_allclose(np.vstack([found.J, found.J_mounting]), J, atol=1e-8)
 
 
 def test_a_left_handed_triad_keeps_a_rotation_and_a_negative_last_entry():
