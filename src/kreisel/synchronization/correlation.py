@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -138,6 +139,10 @@ def correlate_imus(imu: ImuSamples, other: ImuSamples) -> Correlation:
 
 def _related(x: _Norm, y: _Norm) -> tuple[Clock, float]:
     """Return the clock relation by which two norms correlate best, and their coefficient."""
+    clock = _track(x, y, _search(x, y, usual=True))
+    final = _coefficient(x, y, clock)
+    if final >= _SURE:
+        return clock, final
     clock = _track(x, y, _search(x, y))
     final = _coefficient(x, y, clock)
     if not final >= _SURE:
@@ -249,17 +254,23 @@ def _averaged(t: Array, value: Array, grid: Array, step: float, half: float) -> 
     return _Norm(float(grid[0]), step, mean, known)
 
 
-def _search(x: _Norm, y: _Norm) -> Clock:
-    """Search all shifts and ratios. Long recordings are searched on a coarser grid, in the hour around their middle."""
+def _search(x: _Norm, y: _Norm, *, usual: bool = False) -> Clock:
+    """Search all shifts and ratios. Long recordings are searched on a coarser grid, in the hour around their middle.
+
+    usual: whether clocks are searched that run alike, as most do, and no others.
+    """
     spare = max(0, y.value.size - round(_MAX_SEARCHED / y.step)) // 2
     middle = slice(spare, y.value.size - spare)
     xc, yc = _coarse(x, _Norm(y.first + spare * y.step, y.step, y.value[middle], y.known[middle]))
     xv = xc.value - xc.value.mean()
     best = (-1.0, 0.0, 0.0)
-    for skew, yv, _ in _rescaled(yc):
+    transformed: dict[int, Any] = {}
+    for skew, yv, _ in [(0.0, yc.value, yc.known)] if usual else _rescaled(yc):
         centred = yv - yv.mean()
         size = 2 ** int(np.ceil(np.log2(xv.size + yv.size)))
-        product = np.fft.irfft(np.fft.rfft(xv, size) * np.conj(np.fft.rfft(centred, size)), size)
+        if size not in transformed:
+            transformed[size] = np.fft.rfft(xv, size)
+        product = np.fft.irfft(transformed[size] * np.conj(np.fft.rfft(centred, size)), size)
         k = int(np.argmax(product))
         value = float(product[k]) / max(float(np.linalg.norm(xv) * np.linalg.norm(centred)), 1e-30)
         if value > best[0]:
