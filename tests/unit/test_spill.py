@@ -2,12 +2,14 @@
 
 import gc
 import os
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from kreisel import spill
+from kreisel.memory import releasing_memory
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="this system has memory only")
 
@@ -56,3 +58,14 @@ def test_small_arrays_and_full_disks_take_memory(monkeypatch):
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     assert spill.room((1 << 24,), np.int64).base is None
+
+
+def test_pages_are_released_while_a_body_runs():
+    array = spill.room((1 << 24,), np.float64)
+    with releasing_memory():
+        array[:] = 1.0
+        end = time.monotonic() + 10.0
+        while resident() > 100e6 and time.monotonic() < end:
+            time.sleep(0.02)
+    assert resident() < 100e6
+    assert array[12345] == 1.0

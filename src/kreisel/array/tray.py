@@ -77,7 +77,7 @@ def calibrate_tray(
     KreiselError
         If the recording cannot be used, or no two units move together.
     """
-    _check(settings)
+    check_settings(settings)
     tray = _Tray.of(_Kept(read), names, progress, executor)
     turned: dict[str, Turn] = {}
     while True:
@@ -95,7 +95,14 @@ def calibrate_tray(
     return _outcome(tray, mean, found, turned, executor)
 
 
-def _check(settings: CalibrationSettings) -> None:
+def check_settings(settings: CalibrationSettings) -> None:
+    """Check that the units of a tray can be calibrated with settings.
+
+    Raises
+    ------
+    SettingsError
+        If these are for one IMU only.
+    """
     if settings.size_effect is not SizeEffect.COMPLETED:
         raise SettingsError("several IMUs are calibrated with the completed size effect; leave out --size-effect")
     if settings.only is not None or settings.use is not None:
@@ -183,14 +190,14 @@ class _Tray:
         return {name: shares.get(name, np.zeros(2)) for name in self.units}
 
 
-def unit_reader(base: Recording) -> Callable[[str], Recording]:
+def unit_reader(base: Recording, first: str | None = None) -> Callable[[str], Recording]:
     """Return what reads the recordings of single IMUs of a folder, with the reference of the first one's.
 
     Its function raises a RecordingError if readings cannot be read, or are not possible.
     """
 
     def read(name: str) -> Recording:
-        if base.imu.source.parent.name == name:
+        if name == (first or base.imu.source.parent.name):
             return base
         imu, warnings = load_imu(base.path, name)
         alone = Recording(base.path, imu, None, settings=base.settings.of_imu(name), warnings=warnings)

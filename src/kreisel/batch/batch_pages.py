@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import posixpath
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from kreisel.batch.capability import capabilities, capability_table
-from kreisel.batch.lot import OF_DEVICE, Unit, counts, figures_of, good, label_of, title_of
+from kreisel.batch.lot import OF_DEVICE, Unit, counts, figures_of, good, label_of, pages_of, title_of
 from kreisel.batch.outcomes import OUTCOMES
 from kreisel.batch.unit_history import YEAR, History, Trend
 from kreisel.calibration.data_sheet import Quantity
@@ -32,8 +33,10 @@ def write_batch(units: Sequence[Unit], limits: Limits | None, lead: str, reports
     Parameters
     ----------
     reports
-        Whether each result has a report, to be linked.
+        Whether each result has a report, to be linked. Trays always have one.
     """
+    pages = pages_of([unit.run for unit in units], reports=reports)
+    ordered = sorted(units, key=lambda unit: -OUTCOMES.index(unit.outcome))
     figures = [_spread(quantity, units, limits) for quantity in OF_DEVICE if _has(quantity, units)]
     own = counts(units)
     page = fill(
@@ -48,7 +51,8 @@ def write_batch(units: Sequence[Unit], limits: Limits | None, lead: str, reports
         source="" if limits is None else f"grade {limits.grade}" if limits.grade else limits.file,
         spread=_spread_table(units, limits),
         capability=capability_table(capabilities(units, limits)),
-        rows=[_unit_row(unit, reports) for unit in sorted(units, key=lambda unit: -OUTCOMES.index(unit.outcome))],
+        trays=_tray_rows(units, pages),
+        rows=[_unit_row(unit, pages.get(unit.run.key)) for unit in ordered],
         outliers=[(unit.run.name, one.text) for unit in units for one in unit.outliers],
         figures=figures,
     )
@@ -59,7 +63,25 @@ def _has(quantity: Quantity, units: Sequence[Unit]) -> bool:
     return bool(np.isfinite(figures_of([u.run for u in units if u.run.accepted], quantity)[0]).any())
 
 
-def _unit_row(unit: Unit, reports: bool) -> dict[str, str]:
+def _tray_rows(units: Sequence[Unit], pages: Mapping[str, str]) -> list[dict[str, str]]:
+    """Return a row for each tray: its page, that of the mean of its units, and what became of them."""
+    trays: dict[str, list[Unit]] = {}
+    for unit in units:
+        if unit.run.tray:
+            trays.setdefault(unit.run.tray, []).append(unit)
+    return [
+        {
+            "name": tray,
+            "units": f"{len(own)}",
+            "good": f"{good(own)}",
+            "page": f"results/{tray}/report.html" if own[0].run.key in pages else "",
+            "mean": f"results/{tray}/mean/report.html" if own[0].run.key in pages else "",
+        }
+        for tray, own in trays.items()
+    ]
+
+
+def _unit_row(unit: Unit, page: str | None) -> dict[str, str]:
     """Return a row of the table of units: what limits it most is the figure nearest to its limit."""
     shares = [(one.share, one.quantity.title) for one in unit.judged if np.isfinite(one.share)]
     worst = max(shares, default=(np.nan, ""))
@@ -70,7 +92,7 @@ def _unit_row(unit: Unit, reports: bool) -> dict[str, str]:
         "verdict": unit.run.headline,
         "worst": f"{worst[1]}, {100.0 * worst[0]:.0f} %" if shares else "",
         "note": unit.run.error or "; ".join(one.text for one in unit.outliers) or _reason(unit),
-        "report": f"results/{unit.run.name}/report.html" if reports and unit.run.parts is not None else "",
+        "report": "" if page is None else posixpath.normpath(f"results/{unit.run.name}/{page}"),
     }
 
 

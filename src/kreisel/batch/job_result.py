@@ -18,14 +18,15 @@ from kreisel.recording.nanoseconds import date_of_stamp
 
 @dataclass(frozen=True)
 class Run:
-    """A recording of a batch, calibrated or not.
+    """A unit of a batch, calibrated or not: that of a recording, or one of a tray.
 
     Attributes
     ----------
     key
-        Of its `Job`.
+        Of its `Job`; of a unit of a tray with its IMU, see `key_of_unit`.
     name, unit
-        The recording; the device's serial number, or the recording's name where none is stated.
+        The recording, of a tray with the IMU (`lot/tray/imu3`); the device's serial number, or the name where none is
+        stated.
     maker, type
         Of the device, empty where they are not stated.
     date
@@ -74,6 +75,12 @@ class Run:
             raise _damaged(self.name, error) from error
 
     @property
+    def tray(self) -> str:
+        """The recording's name if it is of a tray; empty where it is of one unit."""
+        tray, _, imu = self.name.rpartition("/")
+        return tray if self.key.endswith(key_of_unit("", imu)) else ""
+
+    @property
     def data(self) -> str:
         """The fingerprint of the recording's data, or its name where there is none: the same for one recording."""
         recording = None if self.parts is None else self.parts.recording
@@ -88,6 +95,11 @@ class Run:
     def headline(self) -> str:
         """The verdict in a few words."""
         return "Failed" if self.parts is None else self.parts.verdict.headline
+
+
+def key_of_unit(key: str, imu: str) -> str:
+    """Return the key of a unit's run by that of its tray."""
+    return f"{key}/{imu}"
 
 
 def run_of_result(calibration: Calibration) -> Run:

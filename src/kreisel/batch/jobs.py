@@ -9,14 +9,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kreisel._version import __version__
-from kreisel.errors import RecordingError
+from kreisel.batch.job_result import key_of_unit
+from kreisel.errors import KreiselError, RecordingError, SettingsError
 from kreisel.formats.input_formats import SUFFIXES, format_of
 from kreisel.model.calibration_settings import CalibrationSettings
+
+MEAN = "mean"
+"""Folder of the mean of the units of a tray."""
+
+TRAY_FILES = ("array.yaml", "report.html")
+"""Files of a tray beside the folders of its units and of their mean."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One recording to calibrate.
+    """One recording to calibrate, of one unit or of a tray.
 
     Attributes
     ----------
@@ -24,11 +31,21 @@ class Job:
         Path below the folder, with slashes.
     key
         Fingerprint of the recording's name, of names and content of its files, the settings and the version.
+    imus
+        Names of the IMUs of a tray; empty for a recording of one unit.
     """
 
     name: str
     path: Path
     key: str
+    imus: tuple[str, ...] = ()
+
+    @property
+    def runs(self) -> dict[str, str]:
+        """The names of its runs by their keys, one for each unit; they are also those of the result folders."""
+        if not self.imus:
+            return {self.key: self.name}
+        return {key_of_unit(self.key, imu): f"{self.name}/{imu}" for imu in self.imus}
 
 
 def jobs_in(folder: Path, out: Path, settings: CalibrationSettings, *, links: bool = False) -> list[Job]:
@@ -43,6 +60,8 @@ def jobs_in(folder: Path, out: Path, settings: CalibrationSettings, *, links: bo
     ------
     RecordingError
         If the folder does not exist or holds no recording.
+    SettingsError
+        If the settings are not for trays, and one of the recordings is of a tray.
     """
     if not folder.is_dir():
         raise RecordingError("no such folder; give the one that holds the recordings", file=folder)
@@ -54,7 +73,37 @@ def jobs_in(folder: Path, out: Path, settings: CalibrationSettings, *, links: bo
             f"holds no recordings (folders with imu0, .mcap files, bags, or tables with [columns]){more}", file=folder
         )
     names = [path.relative_to(folder).as_posix() for path in found]
-    return [Job(name, path, _key(name, path, settings)) for name, path in zip(names, found, strict=True)]
+    units = [_units_in(path) for path in found]
+    if trays := [name for name, own in zip(names, units, strict=True) if own]:
+        _check_trays(trays, settings)
+    return [
+        Job(name, path, _key(name, path, settings), own) for name, path, own in zip(names, found, units, strict=True)
+    ]
+
+
+def _units_in(path: Path) -> tuple[str, ...]:
+    """Return the names of the IMUs if there are several."""
+    from kreisel.formats.folder import imus_in
+
+    try:
+        found = imus_in(path)
+    except KreiselError:
+        return ()  # its calibration will say so
+    return found if len(found) > 1 else ()
+
+
+def _check_trays(names: list[str], settings: CalibrationSettings) -> None:
+    from kreisel.array.tray import check_settings
+
+    try:
+        check_settings(settings)
+    except SettingsError as error:
+        reason = str(error).partition(";")[0]
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        raise SettingsError(
+            f"{reason}, and the folder has trays ({', '.join(names[:3])}{more}); leave it out, or calibrate their "
+            "units one by one by `kreisel calibrate --imu`"
+        ) from error
 
 
 def leaving(folder: Path) -> list[str]:

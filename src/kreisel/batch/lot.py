@@ -28,6 +28,9 @@ MIN = 8
 OF_DEVICE = tuple(quantity for quantity in QUANTITIES if quantity.name != "mounting_rotation_deg")
 """Quantities that are the device's own, and not its mount's."""
 
+PAGE_OF_TRAY = "../report.html"
+"""The page of a tray, from the result folder of one of its units."""
+
 
 @dataclass(frozen=True)
 class Outlier:
@@ -87,6 +90,21 @@ def units_of(runs: Sequence[Run], limits: Limits | None) -> list[Unit]:
         own = () if run.parts is None else tuple(judged(run.parts, limits))
         out.append(Unit(run, own, tuple(outliers.get(run.key, ()))))
     return out
+
+
+def pages_of(runs: Sequence[Run], *, reports: bool) -> dict[str, str]:
+    """Return the pages that runs have, by key, as paths from their result folders.
+
+    That of a unit of a tray is the page of the tray.
+
+    Parameters
+    ----------
+    reports
+        Whether each result of a recording of one unit has a report.
+    """
+    trays = {run.tray for run in runs if run.tray and run.text is not None}
+    alone = {run.key: "report.html" for run in runs if not run.tray and run.text is not None and reports}
+    return alone | {run.key: PAGE_OF_TRAY for run in runs if run.tray in trays}
 
 
 def _outliers(lot: Sequence[Run]) -> dict[str, list[Outlier]]:

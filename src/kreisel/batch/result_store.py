@@ -1,4 +1,4 @@
-"""The file of results: SQLite, one row for each recording, one for each quantity."""
+"""The file of results: SQLite, one row for each unit of a recording, one for each quantity."""
 
 from __future__ import annotations
 
@@ -94,8 +94,8 @@ class Store:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def add(self, run: Run) -> None:
-        """Write one run, at once and as a whole; an earlier one of the same key is replaced.
+    def add(self, *runs: Run) -> None:
+        """Write runs, at once and as a whole; earlier ones of the same keys are replaced.
 
         Raises
         ------
@@ -103,17 +103,13 @@ class Store:
             If the file cannot be written.
         """
         places = ", ".join("?" * (len(fields(Run)) + 1))
-        derived = {} if run.parts is None else run.parts.derived
-        rows = [
-            (run.key, name, axis, float(value), float(sd))
-            for name, found in derived.items()
-            for axis, (value, sd) in enumerate(zip(found.value, found.deviation, strict=True))
-        ]
+        rows = [row for run in runs for row in _quantities(run)]
         try:
             with self._connection as connection:
-                connection.execute("delete from runs where key = ?", (run.key,))
-                connection.execute(
-                    f"insert into runs ({_COLUMNS}, accepted) values ({places})", (*astuple(run), int(run.accepted))
+                connection.executemany("delete from runs where key = ?", [(run.key,) for run in runs])
+                connection.executemany(
+                    f"insert into runs ({_COLUMNS}, accepted) values ({places})",
+                    [(*astuple(run), int(run.accepted)) for run in runs],
                 )
                 connection.executemany("insert into quantities values (?, ?, ?, ?, ?)", rows)
         except sqlite3.Error as error:
@@ -201,3 +197,12 @@ class Store:
                 return list(cursor)
         except sqlite3.Error as error:
             raise RecordingError(f"cannot be read: {error}", file=self.path) from error
+
+
+def _quantities(run: Run) -> list[tuple[str, str, int, float, float]]:
+    derived = {} if run.parts is None else run.parts.derived
+    return [
+        (run.key, name, axis, float(value), float(sd))
+        for name, found in derived.items()
+        for axis, (value, sd) in enumerate(zip(found.value, found.deviation, strict=True))
+    ]

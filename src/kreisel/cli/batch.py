@@ -44,13 +44,15 @@ def batch(
 ) -> None:
     """Calibrate all recordings in a folder, and write one table, one page and one file of results.
 
+    Of a recording with several IMUs, a tray, every IMU is a unit.
+
     Exit status 0 if all units are good; 1 if one could not be calibrated; 3 if one was rejected or does not conform; 4
     if of one no decision can be made; the first of 1, 3, 4 that occurs. The last line names these units.
     """
     from kreisel.batch.batch_pages import write_batch
     from kreisel.batch.execution import Batch, calibrate_all, waiting_in
     from kreisel.batch.jobs import jobs_in, leaving
-    from kreisel.batch.lot import table, units_of
+    from kreisel.batch.lot import pages_of, table, units_of
     from kreisel.batch.result_store import Store
     from kreisel.batch.unit_document import write_unit
     from kreisel.batch.workbook import check_workbook, write_workbook
@@ -76,18 +78,19 @@ def batch(
     if not links and (left := leaving(folder)):
         typer.echo(f"links that lead out of {folder} are left out: {', '.join(left[:5])}; --links takes them", err=True)
     with alone_in(output), Store(database or output / "results.db") as store:
-        done = len(work.jobs) - len(waiting_in(work, store))
+        total = sum(len(job.runs) for job in work.jobs)
+        done = total - sum(len(work.jobs[number].runs) for number in waiting_in(work, store))
         if done and not json:
-            typer.echo(f"{done} of {len(work.jobs)} are done already")
-        with _progress(len(work.jobs), done) as show:
+            typer.echo(f"{done} of {total} are done already")
+        with _progress(total, done) as show:
             runs = calibrate_all(work, store, distribute, show)
     units = units_of(runs, known)
     (output / "table.csv").write_text(table(units), encoding="utf-8")
     if xlsx:
         write_workbook(units, known, output / "table.xlsx")
+    pages = pages_of(runs, reports=reports)
     for unit in units:
-        made = reports and unit.run.parts is not None
-        write_unit(unit, known, work.results / unit.run.name, "report.html" if made else None)
+        write_unit(unit, known, work.results / unit.run.name, pages.get(unit.run.key))
     write_batch(units, known, f"{folder}", reports, output / "batch.html")
     _say(units, output, as_json=json)
     if status := most_serious(STATUS.get(unit.outcome, 0) for unit in units):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any
+
+from kreisel.memory import releasing_memory
+
+__all__ = ["in_threads", "releasing_memory"]
 
 
 def in_threads(tasks: Sequence[Callable[[], Any]]) -> list[Any]:
@@ -13,25 +16,3 @@ def in_threads(tasks: Sequence[Callable[[], Any]]) -> list[Any]:
 
     with ThreadPoolExecutor(max_workers=len(tasks)) as pool:
         return [future.result() for future in [pool.submit(task) for task in tasks]]
-
-
-@contextmanager
-def releasing_memory() -> Iterator[None]:
-    """Give back what is looked at of large arrays in files, again and again, while the body runs."""
-    from threading import Event, Thread
-
-    from kreisel import spill
-
-    ended = Event()
-
-    def run() -> None:
-        while not ended.wait(0.02):
-            spill.release()
-
-    thread = Thread(target=run, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()

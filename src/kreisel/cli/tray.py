@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.recording.recording import Recording
 
-_FILES = ("array.yaml", "report.html")
-
 
 def calibrate_units(
     base: Recording, names: tuple[str, ...], settings: CalibrationSettings, output: Path | None, limits: Limits | None,
@@ -44,26 +42,19 @@ def calibrate_units(
 
 
 def _write(outcome: TrayOutcome, output: Path, limits: Limits | None) -> None:
-    """Write a folder for each unit and for the mean, `array.yaml`, and the page of all."""
-    from kreisel.batch.job_result import run_of_result
-    from kreisel.batch.lot import units_of
+    """Write the folders of a tray, and with limits what is decided of each unit."""
+    from kreisel.batch.jobs import Job
+    from kreisel.batch.lot import PAGE_OF_TRAY, units_of
+    from kreisel.batch.tray_runs import runs_of_tray, write_tray_results
     from kreisel.batch.unit_document import write_unit
-    from kreisel.calibration.result import RESULT_FILES, write_document
-    from kreisel.files import replaced_together
-    from kreisel.report.report_page import write_report
-    from kreisel.report.tray_page import write_tray
 
-    for unit in outcome.units:
-        unit.calibration.save(output / unit.name)
-        if limits is not None:
-            [own] = units_of([run_of_result(unit.calibration)], limits)
-            write_unit(own, limits, output / unit.name, "../report.html")
-    with replaced_together(output / "mean", RESULT_FILES) as writing:
-        outcome.mean.calibration.write(writing)
-        write_report(outcome.mean, writing / "report.html")
-    with replaced_together(output, _FILES) as writing:
-        write_document(outcome.array_document, writing / "array.yaml")
-        write_tray(outcome, writing / "report.html")
+    write_tray_results(outcome, output)
+    if limits is None:
+        return
+    imus = (*(unit.name for unit in outcome.units), *dict(outcome.left_out))
+    runs = runs_of_tray(outcome, Job(outcome.recording.name, outcome.recording.path, "", imus))
+    for unit, judged in zip(outcome.units, units_of([run for run in runs if run.error is None], limits), strict=True):
+        write_unit(judged, limits, output / unit.name, PAGE_OF_TRAY)
 
 
 def _judged(outcome: TrayOutcome, limits: Limits | None) -> tuple[dict[str, Any], int]:

@@ -1,0 +1,108 @@
+"""A tray in a batch: its result folders, and what became of each of its units."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kreisel.batch.job_result import Run, date_of, key_of_unit
+from kreisel.batch.jobs import MEAN, TRAY_FILES, Job
+from kreisel.errors import KreiselError, RecordingError
+from kreisel.recording.recording import Recording
+from kreisel.recording.recording_settings import RecordingSettings
+
+if TYPE_CHECKING:
+    from kreisel.array.tray_outcome import TrayOutcome
+    from kreisel.model.calibration_settings import CalibrationSettings
+
+
+def calibrate_units(job: Job, settings: CalibrationSettings, results: Path, *, validate: bool) -> list[Run]:
+    """Return what became of the units of a tray; its result folders are written.
+
+    Parameters
+    ----------
+    results
+        Folder of results: `results/NAME/` is the tray's.
+    validate
+        Whether the mean is cross-validated.
+    """
+    from kreisel.array.tray import calibrate_tray, unit_reader
+
+    base: Recording | None = None
+    unread: dict[str, str] = {}
+    try:
+        base, names = _first_readable(job, unread)
+        outcome = calibrate_tray(unit_reader(base, names[0]), names, settings, validate=validate)
+        outcome = replace(outcome, left_out=(*unread.items(), *outcome.left_out))
+        write_tray_results(outcome, results / job.name)
+        return runs_of_tray(outcome, job)
+    except KreiselError as error:
+        return [_run(job, imu, base, unread.get(imu, str(error))) for imu in job.imus]
+
+
+def _first_readable(job: Job, unread: dict[str, str]) -> tuple[Recording, Sequence[str]]:
+    """Return the recording with the first IMU that can be read, and the names from it on.
+
+    unread: filled with the reasons why those before it cannot be read.
+
+    Raises
+    ------
+    KreiselError
+        If none or only the last one can be read.
+    """
+    from kreisel.array.left_out import reason_of
+    from kreisel.formats.loading import load
+
+    for k, name in enumerate(job.imus[:-1]):
+        try:
+            return load(job.path, imu=name), job.imus[k:]
+        except KreiselError as error:
+            unread[name] = reason_of(error)
+    last = job.imus[-1]
+    load(job.path, imu=last)
+    raise RecordingError(
+        f"of its {len(job.imus)} IMUs only {last} can be read, expected two or more; `kreisel calibrate --imu {last}` "
+        "calibrates it alone",
+        file=job.path,
+    )
+
+
+def write_tray_results(outcome: TrayOutcome, folder: Path) -> None:
+    """Write a folder for each unit of a tray and for their mean, `array.yaml`, and the page of all."""
+    from kreisel.calibration.result import RESULT_FILES, write_document
+    from kreisel.files import replaced_together
+    from kreisel.report.report_page import write_report
+    from kreisel.report.tray_page import write_tray
+
+    for unit in outcome.units:
+        unit.calibration.save(folder / unit.name)
+    with replaced_together(folder / MEAN, RESULT_FILES) as writing:
+        outcome.mean.calibration.write(writing)
+        write_report(outcome.mean, writing / "report.html")
+    with replaced_together(folder, TRAY_FILES) as writing:
+        write_document(outcome.array_document, writing / "array.yaml")
+        write_tray(outcome, writing / "report.html")
+
+
+def runs_of_tray(outcome: TrayOutcome, job: Job) -> list[Run]:
+    """Return the runs of all units of a tray, in the order of the job's IMUs, with those that are left out."""
+    texts = {unit.name: json.dumps(unit.calibration.document) for unit in outcome.units}
+    left_out = dict(outcome.left_out)
+    return [_run(job, imu, outcome.recording, left_out.get(imu), texts.get(imu)) for imu in job.imus]
+
+
+def _run(job: Job, imu: str, base: Recording | None, error: str | None, text: str | None = None) -> Run:
+    """Return the run of one unit; its device and its date are those that the recording states."""
+    settings = RecordingSettings() if base is None else base.settings
+    device, name = settings.of_imu(imu).device, f"{job.name}/{imu}"
+    serials = [settings.of_imu(other).device.serial_number for other in job.imus]
+    # [device] without [device1], … states one serial number for all units: it tells none of them from the others
+    serial = device.serial_number if serials.count(device.serial_number) == 1 else None
+    begin = None if base is None else int(base.imu.stamps_ns[0])
+    date = date_of(settings.certificate.model_dump(exclude_none=True), begin)
+    return Run(
+        key_of_unit(job.key, imu), name, serial or name, device.maker or "", device.type or "", date, error, text
+    )
