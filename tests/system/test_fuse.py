@@ -107,7 +107,7 @@ def test_units_that_are_missing_or_cannot_be_read_are_named(tray, tmp_path):
     [
         ("recording", "fused.mcap", SettingsError, "--fuse writes a .csv file, or a folder"),
         ("recording/imu0/data.csv", "fused.csv", SettingsError, "--fuse is for a recording folder"),
-        ("none", "fused.csv", RecordingError, "no such folder"),
+        ("none", "fused.csv", RecordingError, "no such file or folder"),
         ("recording", ".", RecordingError, "exists already"),
     ],
 )

@@ -17,7 +17,7 @@ from kreisel.devices.events import Arrival
 from kreisel.devices.simulators import Pace, TcpSimulator
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats.bag import load_bag
-from kreisel.formats.mcap import write_mcap
+from kreisel.formats.mcap_file import write_mcap
 from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.recording.recording_settings import RecordingSettings
 

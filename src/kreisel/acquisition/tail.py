@@ -13,7 +13,8 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.formats.bag import WANTED, Decoded, decode_topic, notes_of, recording_of
-from kreisel.formats.mcap import IMU_TOPIC, NOTE_TYPE, RECORDED, Contents, McapScan, Topic, check_magic
+from kreisel.formats.mcap import NOTE_TYPE, RECORDED, Contents, McapScan, Topic, check_magic
+from kreisel.formats.topic_names import IMU_TOPIC
 from kreisel.recording.recording import Recording
 from kreisel.validation.checks import check_streams
 

@@ -11,7 +11,8 @@ from kreisel.array.array_file import ArrayResult, ArrayUnit
 from kreisel.array.fused_imu import FusedImu, UnitReadings, fuse
 from kreisel.array.left_out import in_words, reason_of
 from kreisel.errors import KreiselError, RecordingError, SettingsError
-from kreisel.formats.folder import imus_in, is_folder, load_imu
+from kreisel.formats.imus import imu_reader, imus_in
+from kreisel.formats.input_formats import SUFFIXES, ReadImu, format_of
 from kreisel.formats.write import write_imu_table
 from kreisel.inertial.effects import follows_temperature
 from kreisel.progress import Progress, of_step
@@ -29,16 +30,19 @@ class FusedFile:
 
 
 def fuse_files(
-    array: ArrayResult, raw: Path, out: Path, *, force: bool = False, progress: Progress | None = None
-) -> FusedFile:
-    """Write angular rate and specific force of b by all units that a recording folder holds.
+    array: ArrayResult, raw: Path, out: Path, *, imu: str | None = None, force: bool = False,
+    progress: Progress | None = None,
+) -> FusedFile:  # fmt: skip
+    """Write angular rate and specific force of b by all units that a recording holds.
 
     Parameters
     ----------
     raw
-        A recording folder with the readings of the units in `imu0`, `imu1` and so on.
+        A recording folder with the readings of the units in `imu0`, `imu1` and so on, an .mcap file, or a bag.
     out
         A .csv file, or a folder for a recording.
+    imu
+        `all`: the units on all topics of a bag.
     force
         Use rejected calibrations, and do not check whether the readings are plausible.
 
@@ -50,13 +54,21 @@ def fuse_files(
         If fewer than two units can be used, with the reasons, or if what is to be written exists.
     """
     table = _target(array, raw, out)
+    names = imus_in(raw, imu)
+    if not names:
+        raise RecordingError(
+            "holds several IMUs on topics that kreisel does not write; take them all with --imu all", file=raw
+        )
+    read_imu = imu_reader(raw)
     left_out, warnings = dict(array.left_out), []
     units: list[UnitReadings] = []
     for k, unit in enumerate(array.units):
         if progress is not None:
             progress("apply", k / len(array.units))
         try:
-            readings, found = _readings(unit, raw, force=force)
+            if unit.name not in names:
+                raise RecordingError("not in the recording")
+            readings, found = _readings(unit, raw, read_imu, force=force)
         except KreiselError as error:
             left_out[unit.name] = reason_of(error)
             continue
@@ -67,27 +79,27 @@ def fuse_files(
             f"{len(units)} of the units can be used, expected two or more; {in_words(left_out)}", file=raw
         )
     try:
-        imu = fuse(units, of_step(progress, "bring units together"))
+        fused = fuse(units, of_step(progress, "bring units together"))
     except RecordingError as error:
         raise RecordingError(error.message, file=raw) from error
-    imu = replace(imu, left_out=left_out | dict(imu.left_out))
+    fused = replace(fused, left_out=left_out | dict(fused.left_out))
     table.parent.mkdir(parents=True, exist_ok=True)
-    write_imu_table(table, imu.stamps_ns, imu.rates, imu.forces)
-    return FusedFile(table, imu, tuple(warnings))
+    write_imu_table(table, fused.stamps_ns, fused.rates, fused.forces)
+    return FusedFile(table, fused, tuple(warnings))
 
 
 def _target(array: ArrayResult, raw: Path, out: Path) -> Path:
     """Return the table to be written, after checks of what is asked for."""
-    from kreisel.formats.input_formats import SUFFIXES
-
     if len(array.units) < 2:
         raise SettingsError(
             f"--fuse is for several units; {array.folder} holds one, apply {array.reference.name} to it"
         )
     if not raw.exists():
-        raise RecordingError("no such folder; --fuse is for a folder with imu0, imu1 and so on", file=raw)
-    if not is_folder(raw):
-        raise SettingsError(f"--fuse is for a recording folder with imu0, imu1 and so on; {raw} is none")
+        raise RecordingError("no such file or folder; --fuse is for a recording of several IMUs", file=raw)
+    if format_of(raw) is None:
+        raise SettingsError(
+            f"--fuse is for a recording folder with imu0, imu1 and so on, an .mcap file or a bag; {raw} is none"
+        )
     if out.suffix.lower() in SUFFIXES:
         raise SettingsError(f"-o {out}: --fuse writes a .csv file, or a folder")
     if out.exists():
@@ -95,19 +107,17 @@ def _target(array: ArrayResult, raw: Path, out: Path) -> Path:
     return out if out.suffix.lower() == ".csv" else out / "imu0" / "data.csv"
 
 
-def _readings(unit: ArrayUnit, raw: Path, *, force: bool) -> tuple[UnitReadings, list[str]]:
+def _readings(unit: ArrayUnit, raw: Path, read: ReadImu, *, force: bool) -> tuple[UnitReadings, list[str]]:
     """Return a unit's corrected readings, and what to know about them.
 
     Raises
     ------
     KreiselError
-        If its calibration was rejected, or its readings are missing or cannot be used.
+        If its calibration was rejected, or its readings cannot be used.
     """
     calibration = unit.calibration
     check_usable(calibration, force=force)
-    if unit.name not in imus_in(raw):
-        raise RecordingError("not in the recording")
-    imu, found = load_imu(raw, unit.name)
+    imu, found = read(unit.name)
     recording = Recording(raw, imu, None, warnings=found)
     if not force:
         recording = check_streams(recording)

@@ -284,7 +284,7 @@ def _clock(unit: UnitReadings, base: UnitReadings) -> Clock:
     SynchronizationError
         If it does not.
     """
-    found = refined_clock(unit.imu, clock_of(unit.imu, base.imu), base.imu)
+    found = refined_clock(unit.imu, clock_of(unit.imu, base.imu, base.name), base.imu)
     if not found.explained >= MIN_EXPLAINED:
         raise SynchronizationError(
             f"its rates explain {100.0 * max(found.explained, 0.0):.0f} % of the changes of those of {base.name}, "

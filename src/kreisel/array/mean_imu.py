@@ -17,6 +17,7 @@ from kreisel.array.resampled import Resampled, white_noise
 from kreisel.errors import SynchronizationError
 from kreisel.geometry.rotation import Array
 from kreisel.preparation.imu_noise import noise_stated
+from kreisel.recording.location import is_table
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.recording.recording_settings import RecordingSettings
 from kreisel.synchronization.clock import Clock
@@ -126,7 +127,8 @@ class MeanImu:
         rates, forces = (self._sums[known, 3 * k : 3 * k + 3] / self._weights[known, k, None] for k in (0, 1))
         warm = self._warm[known]
         temperature = self._warmth[known] / warm if warm.size and (warm > 0.0).all() else None
-        source = base.imu.source.parent.parent / "mean" / "data.csv"
+        own = base.imu.source
+        source = own.parent.parent / "mean" / "data.csv" if is_table(own) else base.path / "mean"
         imu = ImuSamples(base.imu.stamps_ns[known], rates, forces, source, temperature=temperature)
         return replace(base, imu=imu, settings=_settings(base, self.gain), sha256=None)
 

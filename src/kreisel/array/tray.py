@@ -27,7 +27,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Verdict
 from kreisel.errors import KreiselError, RecordingError, SettingsError
-from kreisel.formats.folder import load_imu
+from kreisel.formats.imus import imu_reader
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block
 from kreisel.inertial.effects import EFFECTS
@@ -61,7 +61,7 @@ def calibrate_tray(
     executor: Executor = sequential,
     validate: bool = False,
 ) -> TrayOutcome:
-    """Return the calibrations of all units of a recording folder.
+    """Return the calibrations of all units of a recording.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class _Tray:
             if progress is not None:
                 progress("bring units together", names.index(group[0]) / len(names))
             for name, found in zip(
-                group, executor([partial(_brought, read, base, own, name) for name in group]), strict=True
+                group, executor([partial(_brought, read, names[0], own, name) for name in group]), strict=True
             ):
                 if isinstance(found, str):
                     left_out[name] = found
@@ -190,16 +190,22 @@ class _Tray:
         return {name: shares.get(name, np.zeros(2)) for name in self.units}
 
 
-def unit_reader(base: Recording, first: str | None = None) -> Callable[[str], Recording]:
-    """Return what reads the recordings of single IMUs of a folder, with the reference of the first one's.
+def unit_reader(base: Recording, first: str) -> Callable[[str], Recording]:
+    """Return what reads the recordings of single IMUs of a recording, with the reference of the first one's.
 
     Its function raises a RecordingError if readings cannot be read, or are not possible.
+
+    Parameters
+    ----------
+    base, first
+        The recording with the readings of the first IMU, and the name of this IMU.
     """
+    read_imu = imu_reader(base.path)
 
     def read(name: str) -> Recording:
-        if name == (first or base.imu.source.parent.name):
+        if name == first:
             return base
-        imu, warnings = load_imu(base.path, name)
+        imu, warnings = read_imu(name)
         alone = Recording(base.path, imu, None, settings=base.settings.of_imu(name), warnings=warnings)
         return replace(check_streams(alone), reference=base.reference, joints=base.joints, urdf=base.urdf)
 
@@ -256,7 +262,7 @@ def _groups(names: Sequence[str]) -> Iterator[Sequence[str]]:
     return (names[k : k + _TOGETHER] for k in range(0, len(names), _TOGETHER))
 
 
-def _brought(read: _Kept, base: Recording, own: Resampled, name: str) -> tuple[Aligned, Resampled] | str:
+def _brought(read: _Kept, first: str, own: Resampled, name: str) -> tuple[Aligned, Resampled] | str:
     """Return how a unit is brought to the base unit's readings, and those that are; or why it cannot be.
 
     Raises
@@ -264,12 +270,11 @@ def _brought(read: _Kept, base: Recording, own: Resampled, name: str) -> tuple[A
     KreiselError
         For the base unit itself.
     """
-    imu = base.imu
-    alone = name == imu.source.parent.name
+    base, alone = read(first).imu, name == first
     try:
-        imu = imu if alone else read(name).imu
-        clock = Clock(0.0) if alone else clock_of(imu, base.imu)
-        readings = own if alone else resampled(imu, clock, base.imu.seconds, smooth=True)
+        imu = base if alone else read(name).imu
+        clock = Clock(0.0) if alone else clock_of(imu, base, first)
+        readings = own if alone else resampled(imu, clock, base.seconds, smooth=True)
         return align(name, imu, clock, readings, own), readings
     except KreiselError as error:
         if alone:

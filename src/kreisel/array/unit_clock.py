@@ -8,8 +8,13 @@ from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.correlation import MIN_CORRELATION, correlate_imus
 
 
-def clock_of(imu: ImuSamples, reference: ImuSamples) -> Clock:
+def clock_of(imu: ImuSamples, reference: ImuSamples, name: str = "the other one") -> Clock:
     """Return the clock t = start + (1 + skew) tau, with tau the seconds of `imu` and t those of `reference`.
+
+    Parameters
+    ----------
+    name
+        Of the reference unit, for the message.
 
     Raises
     ------
@@ -19,7 +24,7 @@ def clock_of(imu: ImuSamples, reference: ImuSamples) -> Clock:
     found = correlate_imus(reference, imu)
     if not found.coefficient >= MIN_CORRELATION:
         raise SynchronizationError(
-            f"does not turn as {reference.source.parent.name} does: the best correlation of their rates over all "
+            f"does not turn as {name} does: the best correlation of their rates over all "
             f"shifts is {found.coefficient:.2f}, expected {MIN_CORRELATION} or more",
             correlation=found.coefficient,
         )

@@ -61,7 +61,7 @@ def locate(
             progress("calibrate by standstills", k / len(names))
         try:
             recording = base if k == 0 else read(name)
-            clock = Clock(0.0) if k == 0 else clock_of(recording.imu, base.imu)
+            clock = Clock(0.0) if k == 0 else clock_of(recording.imu, base.imu, names[0])
         except KreiselError as error:
             if k == 0:
                 raise

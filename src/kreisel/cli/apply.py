@@ -40,7 +40,9 @@ def apply(
         autocompletion=completion.one_of(completion.AXES),
     ),
     imu: str | None = typer.Option(
-        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
+        None,
+        help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID); with --fuse, all: those on all topics.",
+        autocompletion=completion.streams,
     ),
     columns: list[str] = typer.Option(
         [],
@@ -53,9 +55,7 @@ def apply(
     force: bool = typer.Option(
         False, "--force", help="Use a calibration that was rejected, and readings in implausible units."
     ),
-    fuse: bool = typer.Option(
-        False, "--fuse", help="Fuse all IMUs of a recording folder to one, with the best weights."
-    ),
+    fuse: bool = typer.Option(False, "--fuse", help="Fuse all IMUs of a recording to one, with the best weights."),
     json: bool = typer.Option(False, "--json", help="With --fuse: print weights and noise as one JSON object."),
 ) -> None:
     """Write true angular rate and specific force of raw readings.
@@ -67,12 +67,14 @@ def apply(
     from kreisel.calibration.result import Calibration
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import SettingsError
+    from kreisel.formats.imus import ALL
     from kreisel.progress import of_step
 
     if fuse:
-        others = {"--axes": axes not in (None, "tool"), "--imu": imu, "--map": columns, "--seconds": seconds}
+        others = {"--axes": axes not in (None, "tool"), "--map": columns, "--seconds": seconds}
+        others[f"--imu {imu}"] = imu not in (None, ALL)
         _refuse({**others, "--topic": topic != _TOPIC, "-o -": output == _STREAM, raw: raw == _STREAM or "://" in raw})
-        _apply_fused(calibration, Path(raw), Path(output), force=force, as_json=json)
+        _apply_fused(calibration, Path(raw), Path(output), imu, force=force, as_json=json)
         return
     if json:
         raise SettingsError("--json is for --fuse")
@@ -120,10 +122,12 @@ def _refuse(options: dict[str, object]) -> None:
 
     given = [name for name, value in options.items() if value]
     if given:
-        raise SettingsError(f"{given[0]} does not go with --fuse: it writes a file of a folder's IMUs, in axes of b")
+        raise SettingsError(
+            f"{given[0]} does not go with --fuse: it writes a file of all IMUs of a recording, in axes of b"
+        )
 
 
-def _apply_fused(calibration: Path, raw: Path, output: Path, *, force: bool, as_json: bool) -> None:
+def _apply_fused(calibration: Path, raw: Path, output: Path, imu: str | None, *, force: bool, as_json: bool) -> None:
     """Write the readings of the fused IMU, and say how it consists of the units."""
     import json
 
@@ -136,7 +140,7 @@ def _apply_fused(calibration: Path, raw: Path, output: Path, *, force: bool, as_
         raise SettingsError(f"--fuse is for the result of several IMUs, with array.yaml; {calibration} is of one")
     array = load_array(calibration)
     with progress_bar() as show:
-        done = fuse_files(array, raw, output, force=force, progress=show)
+        done = fuse_files(array, raw, output, imu=imu, force=force, progress=show)
     for warning in done.warnings:
         typer.echo(f"· {warning}", err=True)
     if as_json:

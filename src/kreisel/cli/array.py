@@ -12,7 +12,10 @@ if TYPE_CHECKING:
 
 
 def array(
-    recording: Path = typer.Argument(..., help="Recording: a folder with imu0, imu1, …; no poses."),
+    recording: Path = typer.Argument(
+        ..., help="Recording: a folder with imu0, imu1, …, an .mcap file or a ROS bag; no poses."
+    ),
+    imu: str | None = typer.Option(None, help="all: those on all topics of a bag that kreisel did not write."),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for array.yaml and report.html."),
     json: bool = typer.Option(False, "--json", help="Print array.yaml's content as one JSON object."),
 ) -> None:
@@ -28,19 +31,20 @@ def array(
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.errors import RecordingError
-    from kreisel.formats.folder import imus_in
+    from kreisel.formats.imus import imus_in
     from kreisel.formats.loading import load
 
     if output is not None:
         check_output(output)
-    base = load(recording)
-    names = imus_in(recording)
+    names = imus_in(recording, imu)
+    base = load(recording, imu=names[0] if names else None)
     if len(names) < 2:
         raise RecordingError(
-            "has one IMU; an array is a folder with imu0, imu1, …, each with its data.csv", file=recording
+            "has one IMU; an array is a folder with imu0, imu1, …, or a bag with several topics",
+            file=recording,
         )
     with progress_bar() as show:
-        outcome = locate(unit_reader(base), names, show)
+        outcome = locate(unit_reader(base, names[0]), names, show)
     if output is not None:
         _write(outcome, output)
     if json:

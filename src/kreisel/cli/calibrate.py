@@ -38,7 +38,9 @@ def calibrate(
         None, help="Reference: a folder's name, or a topic.", autocompletion=completion.streams
     ),
     imu: str | None = typer.Option(
-        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
+        None,
+        help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID); all: those on all topics, as one tray.",
+        autocompletion=completion.streams,
     ),
     columns: list[str] = typer.Option(
         [],
@@ -172,8 +174,7 @@ def calibrate(
         _statically(read_one, recordings[0], settings, output, within, as_json=json)
         return
     injection: Injection | None = None
-    of_one = imu is not None or bool(columns)
-    if not of_one and _all_units(read_one, recordings[0], settings, output, within, (inject, validate, json)):
+    if not columns and _all_units(read_one, recordings[0], imu, settings, output, within, (inject, validate, json)):
         return
     with releasing_memory(), progress_bar() as show:
         read = read_one(recordings[0], progress=show)
@@ -189,24 +190,26 @@ def calibrate(
 
 
 def _all_units(
-    read_one: Callable[..., Recording], path: Path, settings: CalibrationSettings, output: Path | None,
-    within: Limits | None, options: tuple[bool, bool, bool],
+    read_one: Callable[..., Recording], path: Path, imu: str | None, settings: CalibrationSettings,
+    output: Path | None, within: Limits | None, options: tuple[bool, bool, bool],
 ) -> bool:  # fmt: skip
-    """Calibrate all IMUs of a folder, and end with the exit status for them; return False if it holds one.
+    """Calibrate all IMUs of a recording, and end with the exit status for them; return False for one IMU.
 
     options: --inject, --validate and --json.
     """
     from kreisel.errors import SettingsError
-    from kreisel.formats.folder import imus_in
+    from kreisel.formats.imus import ALL, imus_in
 
-    names, (inject, validate, as_json) = imus_in(path), options
-    if len(names) < 2:
+    if imu not in (None, ALL):
+        return False
+    names, (inject, validate, as_json) = imus_in(path, imu), options
+    if len(names) < 2 and imu is None:
         return False
     from kreisel.cli.tray import calibrate_units
 
     if inject:
         raise SettingsError("--inject is for one IMU; choose it with --imu")
-    calibrate_units(read_one(path), names, settings, output, within, validate=validate, as_json=as_json)
+    calibrate_units(read_one(path, imu=names[0]), names, settings, output, within, validate=validate, as_json=as_json)
     return True
 
 

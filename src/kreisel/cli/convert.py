@@ -20,7 +20,9 @@ def convert(
         None, help="Reference: a folder's name, or a topic.", autocompletion=completion.streams
     ),
     imu: str | None = typer.Option(
-        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
+        None,
+        help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID); all: those on all topics, as one tray.",
+        autocompletion=completion.streams,
     ),
     columns: list[str] = typer.Option(
         [],
@@ -31,6 +33,8 @@ def convert(
 ) -> None:
     """Convert a recording: any kind kreisel reads to a folder of CSV, an MCAP file or a TUM trajectory.
 
+    All units of a tray are written, where no IMU is chosen.
+
     A trace of a KUKA controller ($TRACE) has only the robot's part of a recording: its poses and joint angles are added
     to a folder with the readings of the IMU, or to a new folder to which these are added later.
     """
@@ -40,13 +44,17 @@ def convert(
         _convert_trace(source, target, reference or imu)
         return
     from kreisel.cli.progress_bar import progress_bar
+    from kreisel.formats.imus import ALL, imu_reader, imus_in
     from kreisel.formats.loading import load
     from kreisel.formats.write import write
 
+    names = imus_in(source, imu) if imu in (None, ALL) and not columns else ()
+    chosen = names[0] if len(names) > 1 else imu
     with progress_bar() as show:
-        recording = load(source, reference, imu, columns=columns, progress=show)
-    write(recording, target)
-    typer.echo(f"written: {target}")
+        recording = load(source, reference, chosen, columns=columns, progress=show)
+    read = imu_reader(source) if len(names) > 1 else None
+    write(recording, target, {} if read is None else {name: read(name)[0] for name in names[1:]})
+    typer.echo(f"written: {target}" + (f", {len(names)} IMUs" if len(names) > 1 else ""))
 
 
 def _convert_trace(source: Path, target: Path, choice: str | None) -> None:

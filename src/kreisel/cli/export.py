@@ -218,7 +218,7 @@ def _noise(calibration: Calibration, given: _Given, imu: str | None, *, needed: 
         raise SettingsError("--grade, --at-rest and --noise are for formats with noise figures: kalibr and openvins")
     resting = None
     if given.at_rest is not None:
-        from kreisel.formats.folder import imus_in
+        from kreisel.formats.imus import imus_in
         from kreisel.formats.loading import load
 
         resting = load(given.at_rest, imu=imu if len(imus_in(given.at_rest)) > 1 else None).imu

@@ -1,4 +1,4 @@
-"""`kreisel calibrate` of a folder with several IMUs: all units of a tray at once."""
+"""`kreisel calibrate` of a recording with several IMUs: all units of a tray at once."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from kreisel.array.tray_outcome import TrayOutcome
@@ -19,16 +20,20 @@ def calibrate_units(
     base: Recording, names: tuple[str, ...], settings: CalibrationSettings, output: Path | None, limits: Limits | None,
     *, validate: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Calibrate all IMUs of a folder, write and print the results; end with the exit status for them."""
+    """Calibrate all IMUs of a recording, write and print the results; end with the exit status for them."""
     import json
 
     from kreisel.array.tray import calibrate_tray, unit_reader
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads, releasing_memory
+    from kreisel.formats.folder import is_folder
 
+    read = unit_reader(base, names[0])
+    if not is_folder(base.path):
+        read = _one_at_a_time(read)
     with releasing_memory(), progress_bar() as show:
         outcome = calibrate_tray(
-            unit_reader(base), names, settings, show, executor=in_threads, validate=validate and output is not None
+            read, names, settings, show, executor=in_threads, validate=validate and output is not None
         )
         if output is not None:
             _write(outcome, output, limits)
@@ -39,6 +44,19 @@ def calibrate_units(
         _say(outcome, decisions, output)
     if status:
         raise typer.Exit(status)
+
+
+def _one_at_a_time(read: Callable[[str], Recording]) -> Callable[[str], Recording]:
+    """Return a function that several threads may call, of one that must not be called again while it runs."""
+    from threading import Lock
+
+    lock = Lock()
+
+    def call(name: str) -> Recording:
+        with lock:
+            return read(name)
+
+    return call
 
 
 def _write(outcome: TrayOutcome, output: Path, limits: Limits | None) -> None:

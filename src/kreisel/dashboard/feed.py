@@ -15,7 +15,8 @@ from kreisel.dashboard.live_goals import goals_of
 from kreisel.dashboard.live_quantities import quantities_of
 from kreisel.dashboard.message import Message
 from kreisel.errors import RobotError
-from kreisel.formats.mcap import IMU_TOPIC, JOINT_TOPIC, POSE_TOPIC, POSITION_TOPIC, WARN
+from kreisel.formats.mcap import WARN
+from kreisel.formats.topic_names import IMU_TOPIC, JOINT_TOPIC, POSE_TOPIC, POSITION_TOPIC
 from kreisel.protocols.samples import ImuSample
 from kreisel.robot.description import Arm, parse_arm
 from kreisel.robot.kinematics import skeleton

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -23,31 +22,39 @@ from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import MAX_YAML, read_text
+from kreisel.formats.bag_topics import (
+    IMU,
+    IMU_ROLE,
+    JOINTS,
+    Role,
+    choose_topic,
+    joint_topic,
+    listed,
+    unit_of,
+    unit_topics,
+)
 from kreisel.formats.bounds import bounded, check_files, unpack, unzstd
 from kreisel.formats.budget import Budget
 from kreisel.formats.mcap import (
-    IMU_TOPIC,
-    JOINT_TOPIC,
+    NO_LIMIT,
     NOTE_TYPE,
-    ORIENTATION_TOPIC,
-    POSE_TOPIC,
-    POSITION_TOPIC,
     RECORDED,
     WARN,
     Contents,
+    Only,
     Topic,
     in_log_order,
     one_line,
     read_mcap,
     reason,
+    stated_topics,
 )
 from kreisel.formats.robot_description import description_beside
+from kreisel.formats.topic_names import ORIENTATION_TOPIC, POSE_TOPIC, POSITION_TOPIC
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
-from kreisel.recording.recording_settings import RecordingSettings, read_settings, what_is_wrong
+from kreisel.recording.recording_settings import RecordingSettings, read_settings, what_is_wrong, with_units_together
 
-IMU = "sensor_msgs/msg/Imu"
-JOINTS = "sensor_msgs/msg/JointState"
 _POINT = "geometry_msgs/msg/PointStamped"
 _TURN = "geometry_msgs/msg/QuaternionStamped"
 _STORES = {"cdr": Stores.ROS2_HUMBLE, "ros1": Stores.ROS1_NOETIC}
@@ -96,23 +103,6 @@ Decoded = tuple[Stamps, list[str], Sequence[Sequence[float]] | Array]
 Decode = Callable[[Topic, Path], Decoded]
 
 
-@dataclass(frozen=True)
-class Role:
-    """The use of a topic, the option that chooses it, and the topics that kreisel itself writes.
-
-    Attributes
-    ----------
-    option
-        Text before a topic's name where one is chosen.
-    """
-
-    what: str
-    option: str
-    msgtypes: frozenset[str]
-    own: tuple[str, ...]
-
-
-IMU_ROLE = Role("IMU readings", "--imu ", frozenset({IMU}), (IMU_TOPIC,))
 REFERENCE_ROLE = Role(
     "reference poses",
     "--reference ",
@@ -143,15 +133,18 @@ def load_bag(path: Path, reference: str | None = None, imu: str | None = None) -
     Stamps are those of the headers; times of logging are used only where the stamp of every header is zero. Types are
     those that ROS defines: definitions stored in the file are not used.
     """
+    with on_one_line():
+        only = None if imu is None else topic_of_unit(path, imu)
+        return recording_of(read_contents(path, NO_LIMIT if only is None else {IMU: {only}}), reference, imu)
+
+
+@contextmanager
+def on_one_line() -> Iterator[None]:
+    """Turn the messages of errors into single lines: names in a damaged file may contain line breaks."""
     try:
-        return _load(path, reference, imu)
+        yield
     except RecordingError as error:
-        # names in a damaged file may contain line breaks
         raise RecordingError(one_line(error.message), file=error.file, line=error.line) from error.__cause__
-
-
-def _load(path: Path, reference: str | None, imu: str | None) -> Recording:
-    return recording_of(read_contents(path), reference, imu)
 
 
 def recording_of(
@@ -166,7 +159,9 @@ def recording_of(
     """
     path, warnings, decode = contents.path, list(contents.warnings), decode or decode_topic
     settings = _settings(contents, warnings)
-    samples = imu_of(body_of(contents, IMU_ROLE, imu, warnings, decode), contents)
+    body = body_of(contents, IMU_ROLE, imu, warnings, decode)
+    samples = imu_of(body, contents)
+    settings = settings if body is None else settings.of_imu(unit_of(body.topic.name, contents.topics))
     poses = poses_of(body_of(contents, REFERENCE_ROLE, reference, warnings, decode), path)
     joints = _joint_angles(contents, None if poses is None else poses.name, warnings, decode)
     warnings += _notes(contents)
@@ -195,8 +190,44 @@ def _notes(contents: Contents) -> list[DataWarning]:
 # Files -> messages
 
 
-def read_contents(path: Path) -> Contents:
+def topics_in(path: Path) -> tuple[Topic, ...]:
+    """Return the topics of a bag with their numbers of messages, without the messages.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read.
+    """
+    files = [path] if path.suffix.lower() == ".mcap" and path.is_file() else sorted(path.glob("*.mcap"))
+    try:
+        parts = [stated_topics(file) for file in files]
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", file=path) from error
+    if not parts or None in parts:
+        with on_one_line():
+            return read_contents(path, dict.fromkeys(WANTED, ())).topics
+    groups: dict[tuple[str, str, str], int] = defaultdict(int)
+    for topic in (topic for part in parts for topic in part or ()):
+        groups[topic.name, topic.msgtype, topic.encoding] += topic.count
+    return tuple(Topic(*key, count) for key, count in groups.items())
+
+
+def topic_of_unit(path: Path, imu: str) -> str | None:
+    """Return the topic with an IMU's readings in a bag, asked for as for `load_bag`; None if there is none."""
+    topics = topics_in(path)
+    named = {topic.name for topic in topics if topic.msgtype == IMU}
+    name = imu.partition("@")[0]
+    found = next((one for one in (name, f"/{name}") if one in named), None)
+    return found or unit_topics(topics, everything=True).get(name)
+
+
+def read_contents(path: Path, only: Only = NO_LIMIT) -> Contents:
     """Return the contents of a bag of any kind: messages of types that a recording uses.
+
+    Parameters
+    ----------
+    only
+        As for `read_mcap`.
 
     Raises
     ------
@@ -206,21 +237,21 @@ def read_contents(path: Path) -> Contents:
     if not path.exists():
         raise RecordingError("no such file or folder; give an .mcap, .bag or .db3 file or a folder", file=path)
     if path.is_file() and path.suffix.lower() == ".mcap":
-        return read_mcap(path, WANTED)
+        return read_mcap(path, WANTED, only)
     files = sorted(path.glob("*.mcap")) if path.is_dir() else []
     if [file.name for file in files] == [RECORDED]:
-        return read_mcap(files[0], WANTED)
+        return read_mcap(files[0], WANTED, only)
     warnings: list[DataWarning] = []
     if files and (mode := _compression(path, warnings)) is not None:
-        return _read_each(path, files, warnings, packed=mode == "message")
+        return _read_each(path, files, warnings, only, packed=mode == "message")
     zipped = sorted(path.glob("*.mcap.zstd")) if path.is_dir() else []
     if zipped:
         with TemporaryDirectory() as folder:
             with _translated(path, _RECOVER):
                 files = [unpack(file, Path(folder) / file.stem) for file in zipped]
-            return _read_each(path, files, warnings, packed=False)
+            return _read_each(path, files, warnings, only, packed=False)
     with _translated(path, _REINDEX if path.suffix.lower() == ".bag" else _RECOVER):
-        return _read_with_rosbags(path)
+        return _read_with_rosbags(path, only)
 
 
 def _compression(folder: Path, warnings: list[DataWarning]) -> str | None:
@@ -262,7 +293,7 @@ def _translated(path: Path, advice: str, where: str = "") -> Iterator[None]:
         raise RecordingError(f"{where or 'it'} cannot be read: {reason(error)}; {advice}", file=path) from error
 
 
-def _read_with_rosbags(path: Path) -> Contents:
+def _read_with_rosbags(path: Path, only: Only) -> Contents:
     is_ros1 = path.suffix.lower() == ".bag" and path.is_file()
     messages: dict[tuple[str, str], list[tuple[int, bytes]]] = defaultdict(list)
     counts: dict[tuple[str, str], int] = defaultdict(int)
@@ -272,7 +303,11 @@ def _read_with_rosbags(path: Path) -> Contents:
         unpack = bounded(reader)
         for connection in reader.connections:
             counts[connection.topic, connection.msgtype] += connection.msgcount
-        wanted = [connection for connection in reader.connections if connection.msgtype in WANTED]
+        wanted = [
+            one
+            for one in reader.connections
+            if one.msgtype in WANTED and one.topic in only.get(one.msgtype, (one.topic,))
+        ]
         # An empty list would mean all connections.
         for connection, log_time, payload in reader.messages(wanted) if wanted else ():
             content = unpack(payload)
@@ -283,7 +318,7 @@ def _read_with_rosbags(path: Path) -> Contents:
     return Contents(path, tuple(topics))
 
 
-def _read_each(path: Path, files: list[Path], earlier: list[DataWarning], *, packed: bool) -> Contents:
+def _read_each(path: Path, files: list[Path], earlier: list[DataWarning], only: Only, *, packed: bool) -> Contents:
     """Return the contents of several MCAP files as if they were one.
 
     Parameters
@@ -291,7 +326,7 @@ def _read_each(path: Path, files: list[Path], earlier: list[DataWarning], *, pac
     packed
         Whether each message is compressed by itself.
     """
-    parts = [read_mcap(file, WANTED) for file in files]
+    parts = [read_mcap(file, WANTED, only) for file in files]
     groups: dict[tuple[str, str, str], list[Topic]] = defaultdict(list)
     settings: dict[str, str] = {}
     urdf = None
@@ -335,7 +370,7 @@ def _settings(contents: Contents, warnings: list[DataWarning]) -> RecordingSetti
         table, _, key = name.partition(".")
         tables[table][key] = text
     try:
-        return RecordingSettings.model_validate(tables)
+        return RecordingSettings.model_validate(with_units_together(tables))
     except ValidationError as error:
         raise RecordingError(
             f"the stored setting {what_is_wrong(error)}; write the right ones into {settings_file.name} next to it",
@@ -368,97 +403,6 @@ def body_of(
     keep = _of_frame(frames, frame, topic, role, path)
     values = np.array(rows, dtype=np.float64)[keep]
     return Body(topic, _stamps(stamps, topic, warnings)[keep], values, keep)
-
-
-def choose_topic(
-    contents: Contents, role: Role, asked: str | None, warnings: list[DataWarning]
-) -> tuple[Topic | None, str | None]:
-    """Return the topic of `TOPIC` or `TOPIC@FRAME_ID`, and the frame id; no topic where the bag has none.
-
-    Raises
-    ------
-    RecordingError
-        If the choice is not clear, or the topic asked for is missing or holds something else.
-    """
-    fitting = _fitting(contents, role.msgtypes)
-    name, frame = _split(asked, fitting)
-    return _choose(fitting, role, name, contents, warnings), frame
-
-
-def joint_topic(contents: Contents, reference: str | None, warnings: list[DataWarning]) -> Topic | None:
-    """Return the topic with the robot's joint angles, on the same clock as the reference where kreisel wrote them."""
-    topics = _fitting(contents, frozenset({JOINTS}))
-    epoch = re.search(r"_\d+$", reference or "")
-    own = f"{JOINT_TOPIC}{epoch[0]}" if epoch and JOINT_TOPIC in {topic.name for topic in topics} else JOINT_TOPIC
-    chosen = [topic for topic in topics if topic.name == own] or topics
-    if len(chosen) > 1:
-        names = ", ".join(topic.name for topic in chosen)
-        warnings.append(
-            DataWarning("joints", f"left out, because {names} hold them; the robot's must be {JOINT_TOPIC}")
-        )
-    return chosen[0] if len(chosen) == 1 else None
-
-
-def _fitting(contents: Contents, msgtypes: frozenset[str]) -> list[Topic]:
-    topics = [topic for topic in contents.topics if topic.msgtype in msgtypes and topic.encoding in _STORES]
-    return [topic for topic in topics if topic.payloads]
-
-
-def _split(asked: str | None, topics: list[Topic]) -> tuple[str | None, str | None]:
-    """Return topic and frame id of `TOPIC` or `TOPIC@FRAME_ID`; the leading slash may be left out."""
-    if asked is None:
-        return None, None
-    name, at, frame = asked.partition("@")
-    known = {topic.name for topic in topics}
-    if name not in known and f"/{name}" in known:
-        name = f"/{name}"
-    return name, frame if at else None
-
-
-def _choose(
-    topics: list[Topic], role: Role, name: str | None, contents: Contents, warnings: list[DataWarning]
-) -> Topic | None:
-    path = contents.path
-    if name is not None:
-        named = [topic for topic in topics if topic.name == name]
-        if not named:
-            raise RecordingError(_not_found(name, topics, role, contents), file=path)
-        return _only(named, role, path)
-    for own in role.own:
-        named = [topic for topic in topics if topic.name == own]
-        if named and len(topics) > len(named):
-            others = ", ".join(topic.name for topic in topics)
-            warnings.append(DataWarning("topics", f"took {own} of {others}; {role.option.strip()} chooses another"))
-        if named:
-            return _only(named, role, path)
-    return _only(topics, role, path) if topics else None
-
-
-def _only(topics: list[Topic], role: Role, path: Path) -> Topic:
-    """Return the one topic, or raise the error that lists them all."""
-    if len(topics) == 1:
-        return topics[0]
-    remedy = f"choose with {role.option}TOPIC"
-    if len({topic.name for topic in topics}) == 1:
-        remedy = "they have the same name, so record them again under different names"
-    raise RecordingError(f"{len(topics)} topics hold {role.what}, expected one: {listed(topics)}; {remedy}", file=path)
-
-
-def listed(topics: Iterable[Topic]) -> str:
-    """Return a text of topics and their contents, for a message."""
-    return ", ".join(f"{t.name} ({t.msgtype or t.encoding}, {t.count} messages)" for t in topics)
-
-
-def _not_found(name: str, topics: list[Topic], role: Role, contents: Contents) -> str:
-    for topic in contents.topics:
-        if topic.name == name:
-            expected = ", ".join(sorted(role.msgtypes))
-            return (
-                f"the topic {name} holds {topic.count} messages of type {topic.msgtype or 'unknown'} "
-                f"({topic.encoding}); expected {role.what}: {expected}. Choose with {role.option}TOPIC"
-            )
-    known = [topic.name for topic in topics] or [f"none: no topic holds {role.what}"]
-    return f"{unknown_name(f'topic with {role.what}', name, known)}; choose with {role.option}TOPIC"
 
 
 def _of_frame(frames: list[str], frame: str | None, topic: Topic, role: Role, path: Path) -> Any:

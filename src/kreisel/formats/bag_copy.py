@@ -23,7 +23,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
-from kreisel.formats.bag import IMU, IMU_ROLE, body_of, decode_topic, imu_of, read_contents
+from kreisel.formats.bag import body_of, decode_topic, imu_of, read_contents
+from kreisel.formats.bag_topics import IMU, IMU_ROLE
 from kreisel.formats.mcap import CHUNK_SIZE, bounded_records, reason, record_stream
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, ImuSamples

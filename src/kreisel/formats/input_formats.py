@@ -8,13 +8,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from kreisel.formats.folder import is_folder, load_folder
+from kreisel.formats.folder import imus_in as imus_in_folder
+from kreisel.formats.folder import is_folder, load_folder, load_imu
 from kreisel.recording.recording import DataWarning, ImuSamples, Recording
 from kreisel.tasks import Executor
 
 ImuReadings = tuple[ImuSamples, tuple[DataWarning, ...]]
+ReadImu = Callable[[str], ImuReadings]
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,10 @@ class InputFormat:
         Returns the recording at a path, with the names of reference and IMU if they are given.
     readings
         Returns those of the IMU alone, by its name if one is given; None for folders, whose table is read in blocks.
+    units
+        Returns the names of the IMUs that are units of one tray; all IMUs if the second argument is true.
+    unit_reader
+        Returns what reads one unit by its name.
     is_copied
         Whether `apply` makes a copy with a further topic; otherwise it writes a table.
     """
@@ -39,6 +46,8 @@ class InputFormat:
     recognises: Callable[[Path], bool]
     read: Callable[[Path, str | None, str | None, Executor], Recording]
     readings: Callable[[Path, str | None], ImuReadings] | None
+    units: Callable[[Path, bool], tuple[str, ...]]
+    unit_reader: Callable[[Path], ReadImu]
     is_copied: bool = False
 
 
@@ -76,9 +85,33 @@ def _readings_of_bag(path: Path, imu: str | None) -> ImuReadings:
     return messages.samples, messages.warnings
 
 
+def _units_of_folder(path: Path, everything: bool) -> tuple[str, ...]:
+    del everything
+    return imus_in_folder(path)
+
+
+def _reader_of_folder(path: Path) -> ReadImu:
+    return partial(load_imu, path)
+
+
+def _units_of_bag(path: Path, everything: bool) -> tuple[str, ...]:
+    from kreisel.formats.bag import topics_in
+    from kreisel.formats.bag_topics import unit_topics
+
+    return tuple(unit_topics(topics_in(path), everything=everything))
+
+
+def _reader_of_bag(path: Path) -> ReadImu:
+    from kreisel.formats.bag_units import BagUnits
+
+    return BagUnits(path)
+
+
 FORMATS = {
-    "folder": InputFormat((), is_folder, _read_folder, None),
-    "bag": InputFormat((".mcap", ".bag", ".db3"), is_bag, _read_bag, _readings_of_bag, is_copied=True),
+    "folder": InputFormat((), is_folder, _read_folder, None, _units_of_folder, _reader_of_folder),
+    "bag": InputFormat(
+        (".mcap", ".bag", ".db3"), is_bag, _read_bag, _readings_of_bag, _units_of_bag, _reader_of_bag, is_copied=True
+    ),
 }
 
 SUFFIXES = tuple(suffix for one in FORMATS.values() for suffix in one.suffixes)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from kreisel.errors import RecordingError
+from kreisel.errors import RecordingError, SettingsError
+from kreisel.formats.imus import ALL
 from kreisel.formats.input_formats import format_of, names_of_files
 from kreisel.progress import Progress
 from kreisel.recording.recording import Recording
@@ -29,7 +30,7 @@ def load(
     reference
         Name of the reference: a folder's name, or a topic in a bag.
     imu
-        Name of the IMU: a folder's name (by default `imu0`), or a topic in a bag.
+        Name of the IMU: a folder's name (by default `imu0`), in a bag a topic or the name of a unit (`imu1`).
     columns
         Which columns of tables of another shape hold what, 'imu.time=t [ms]' each; see `mapping`. They replace those of
         `[columns]` in recording.toml.
@@ -43,8 +44,15 @@ def load(
     RecordingError
         If there is nothing that can be read, or its streams are unsorted, not finite, or of impossible
         units; the message says where.
+    SettingsError
+        If `imu` asks for all IMUs.
     """
     path = Path(path)
+    if imu == ALL:
+        raise SettingsError(
+            f"--imu {ALL} is for calibrate, array, convert, info and apply --fuse, of one recording; name an IMU, "
+            "as --imu imu1"
+        )
     if not path.exists():
         raise RecordingError("no such file or folder; give a folder, an .mcap file or a bag", file=path)
     mapped = mapped_recording(path, columns, progress)

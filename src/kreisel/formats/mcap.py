@@ -10,8 +10,7 @@ from __future__ import annotations
 import operator
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -26,19 +25,18 @@ from rosbags.typesys import Stores, get_typestore
 
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
-from kreisel.files import open_fresh
 from kreisel.formats.bounds import chunk_content, within
 from kreisel.formats.budget import MAX_CHUNK, Budget
-from kreisel.recording.recording import DataWarning, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.formats.topic_names import (
+    JOINT_TOPIC,
+    NOTE_TOPIC,
+    ORIENTATION_TOPIC,
+    POSE_TOPIC,
+    POSITION_TOPIC,
+    topic_of,
+)
+from kreisel.recording.recording import DataWarning
 from kreisel.recording.recording_settings import RecordingSettings
-
-IMU_TOPIC = "/imu/data_raw"
-POSE_TOPIC = "/robot/pose"
-POSITION_TOPIC = "/robot/position"
-ORIENTATION_TOPIC = "/robot/orientation"
-JOINT_TOPIC = "/robot/joint_states"
-NOTE_TOPIC = "/kreisel/notes"
-"""Topic of events during recording: devices lost and reconnected, jumps of clocks."""
 
 NOTE_TYPE = "rcl_interfaces/msg/Log"
 INFO, WARN = 20, 30
@@ -56,7 +54,6 @@ RECORDED = "recording.mcap"
 CHUNK_SIZE = 64 * 1024
 """Bytes in a chunk before compression; a recorder that is killed may lose as much."""
 
-_LAST_STAMP = 2**31 * 10**9 - 1  # seconds are an int32 in a ROS header
 _NO_COVARIANCE = np.zeros(9)  # sensor_msgs/Imu: zeros mean that it is unknown
 _NO_ORIENTATION = np.array([-1.0, *np.zeros(8)])  # sensor_msgs/Imu: -1 means that there is none
 _NO_EFFORT = np.zeros(0)
@@ -89,7 +86,7 @@ class McapWriter:
 
     def add_settings(self, settings: RecordingSettings) -> None:
         """Write the settings that are set; call it first, so that a truncated file has them too."""
-        tables = settings.model_dump(exclude_none=True)
+        tables = settings.tables
         pairs = {f"{name}.{key}": str(value) for name, table in tables.items() for key, value in table.items()}
         if pairs:
             self._writer.add_metadata(SETTINGS_RECORD, pairs)
@@ -100,7 +97,7 @@ class McapWriter:
 
     def add_imu(
         self, stamp_ns: int, rate: Sequence[float], acceleration: Sequence[float], log_ns: int | None = None,
-        epoch: int = 1,
+        epoch: int = 1, unit: int = 0,
     ) -> None:  # fmt: skip
         """Write angular rate (rad/s) and acceleration (m/s^2) as sensor_msgs/Imu without orientation.
 
@@ -110,10 +107,12 @@ class McapWriter:
             Time of the device, and time of the host at arrival; the same by default.
         epoch
             Number of the device's clock; after a restart of the clock a separate topic is used.
+        unit
+            Number of the device among several IMUs; each has a topic.
         """
         message = self._new(
             "sensor_msgs/msg/Imu",
-            self._header(stamp_ns, "imu"),
+            self._header(stamp_ns, f"imu{unit or ''}"),
             self._quaternion(_IDENTITY),
             _NO_ORIENTATION,
             self._vector(rate),
@@ -121,7 +120,7 @@ class McapWriter:
             self._vector(acceleration),
             _NO_COVARIANCE,
         )
-        self._add(_of_epoch(IMU_TOPIC, epoch), stamp_ns, message, log_ns)
+        self._add(_of_epoch(topic_of(unit), epoch), stamp_ns, message, log_ns)
 
     def add_pose(
         self, stamp_ns: int, position: Sequence[float] | None, quaternion: Sequence[float] | None,
@@ -193,81 +192,6 @@ def _of_epoch(topic: str, epoch: int) -> str:
     return topic if epoch == 1 else f"{topic}_{epoch}"
 
 
-def write_mcap(recording: Recording, path: Path) -> None:
-    """Write a recording as one MCAP file; the log time of a message is its header's stamp.
-
-    Raises
-    ------
-    RecordingError
-        If the file exists or cannot be written, or a stamp does not fit a ROS header.
-    """
-    if path.exists():
-        raise RecordingError("exists already; delete it, or give another name", file=path)
-    for stream in _stamped(recording):
-        _check_stamps(stream.stamps_ns, stream.source)
-    part = path.with_name(f"{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open_fresh(part) as file:
-            _write_all(recording, McapWriter(file))
-        part.replace(path)
-    except OSError as error:
-        raise RecordingError(f"cannot be written: {error.strerror}", file=path) from error
-    finally:
-        with suppress(OSError):
-            part.unlink()
-
-
-def _stamped(recording: Recording) -> list[Any]:
-    return [stream for stream in (recording.imu, recording.reference, recording.joints) if stream is not None]
-
-
-def _check_stamps(stamps: Stamps, source: Path) -> None:
-    outside = np.flatnonzero((stamps < 0) | (stamps > _LAST_STAMP))
-    if outside.size:
-        raise RecordingError(
-            f"the stamp {stamps[outside[0]]} ns does not fit a ROS header, expected 0 to {_LAST_STAMP} ns; "
-            "shift all stamps of the recording by one constant, or write a folder",
-            file=source,
-        )
-
-
-def _write_all(recording: Recording, writer: McapWriter) -> None:
-    """Write settings and streams, merged in the order of their stamps."""
-    writer.add_settings(recording.settings)
-    if recording.urdf is not None:
-        writer.add_urdf(recording.urdf)
-    adders = [_imu_adder(recording, writer)]
-    if recording.reference is not None:
-        adders.append(_pose_adder(recording.reference, writer))
-    if recording.joints is not None:
-        adders.append(_joint_adder(recording.joints, writer))
-    streams = _stamped(recording)
-    stamps = np.concatenate([stream.stamps_ns for stream in streams])
-    owner = np.repeat(np.arange(len(streams)), [stream.stamps_ns.size for stream in streams])
-    index = np.concatenate([np.arange(stream.stamps_ns.size) for stream in streams])
-    order = np.argsort(stamps, kind="stable")
-    for which, stamp, k in np.column_stack([owner, stamps, index])[order].tolist():
-        adders[which](stamp, k)
-    writer.finish()
-
-
-def _imu_adder(recording: Recording, writer: McapWriter) -> Callable[[int, int], None]:
-    imu = recording.imu
-    return lambda stamp, k: writer.add_imu(stamp, imu.rates[k].tolist(), imu.accelerations[k].tolist())
-
-
-def _pose_adder(reference: ReferencePoses, writer: McapWriter) -> Callable[[int, int], None]:
-    p, q = reference.positions, reference.quaternions
-    return lambda stamp, k: writer.add_pose(
-        stamp, None if p is None else p[k].tolist(), None if q is None else q[k].tolist()
-    )
-
-
-def _joint_adder(joints: JointAngles, writer: McapWriter) -> Callable[[int, int], None]:
-    return lambda stamp, k: writer.add_joints(stamp, joints.angles[k].tolist())
-
-
 @dataclass(frozen=True)
 class Topic:
     """The messages of one topic, as stored, in the order of their log times.
@@ -314,13 +238,22 @@ class Contents:
     begun_ns: int | None = None
 
 
-def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
+Only = Mapping[str, Collection[str]]
+"""Topics whose messages are kept, by message types; of a type that is not in it those on all topics are."""
+
+NO_LIMIT: Only = {}
+"""All topics."""
+
+
+def read_mcap(path: Path, wanted: Collection[str], only: Only = NO_LIMIT) -> Contents:
     """Return the undamaged contents of an MCAP file, from its beginning to its end or to where it breaks.
 
     Parameters
     ----------
     wanted
         Message types whose payloads are kept.
+    only
+        The topics of a type whose payloads are kept; without an entry all.
 
     Raises
     ------
@@ -328,7 +261,7 @@ def read_mcap(path: Path, wanted: Collection[str]) -> Contents:
         If it is not an MCAP file or cannot be opened. A truncated or damaged one gives a warning that says where
         it breaks and what is lost.
     """
-    scan = McapScan(frozenset(wanted))
+    scan = McapScan(frozenset(wanted), only)
     try:
         with path.open("rb") as file:
             check_magic(file.read(len(MCAP0_MAGIC)), path)
@@ -381,11 +314,11 @@ def _records(stream: BinaryIO, size: int, read: Collection[int] = _READ) -> Iter
 class McapScan:
     """One pass through a file: the contents found so far, and what was lost."""
 
-    def __init__(self, wanted: frozenset[str]) -> None:
+    def __init__(self, wanted: frozenset[str], only: Only = NO_LIMIT) -> None:
         self.settings: dict[str, str] = {}
         self.urdf: str | None = None
         self.begun_ns: int | None = None
-        self._wanted = wanted
+        self._wanted, self._only = wanted, only
         self._kept = wanted | {None}  # messages of a type that is not known yet may be wanted
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -471,9 +404,12 @@ class McapScan:
         self._counts[channel] += 1
         if self.begun_ns is None or log_time < self.begun_ns:
             self.begun_ns = log_time
-        if self._type(channel) in self._kept:
+        if (kind := self._type(channel)) in self._kept and self._is_asked_for(channel, kind):
             self._budget.take(len(content))
             self._messages[channel].append((log_time, content[_MESSAGE_HEAD.size :]))
+
+    def _is_asked_for(self, number: int, kind: str | None) -> bool:
+        return kind is None or kind not in self._only or self._channels[number].topic in self._only[kind]
 
     def _type(self, number: int) -> str | None:
         """Return a channel's message type; None where its definition is not (or not yet) known.
@@ -493,7 +429,8 @@ class McapScan:
             groups[channel.topic, self._type(number) or "", channel.message_encoding].append(number)
         for (name, msgtype, encoding), numbers in groups.items():
             count = sum(self._counts[number] for number in numbers)
-            kept = [m for number in numbers for m in self._messages[number]] if msgtype in self._wanted else []
+            asked = msgtype in self._wanted and name in self._only.get(msgtype, (name,))
+            kept = [m for number in numbers for m in self._messages[number]] if asked else []
             yield in_log_order(name, msgtype, encoding, count, kept)
 
     def take_fresh(self) -> Iterator[Topic]:
@@ -518,6 +455,54 @@ class McapScan:
             lost.append(f"its statistics state {self._announced} messages, {found} were found")
         more = f"; and {len(lost) - 3} more faults" if len(lost) > 3 else ""
         return "; ".join(lost[:3]) + more
+
+
+def stated_topics(path: Path) -> list[Topic] | None:
+    """Return the topics of an MCAP file with their numbers of messages, without the messages.
+
+    They are None where the file does not state them: it was cut, or its recorder writes no statistics.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    RecordingError
+        If it is not an MCAP file.
+    """
+    scan = _Summary()
+    with path.open("rb") as file:
+        check_magic(file.read(len(MCAP0_MAGIC)), path)
+        scan.read(file, path.stat().st_size)
+    return scan.stated()
+
+
+class _Summary(McapScan):
+    """A pass over the records of a file that leaves its chunks out."""
+
+    def __init__(self) -> None:
+        super().__init__(frozenset())
+        self._stated: dict[int, int] | None = None
+
+    def stated(self) -> list[Topic] | None:
+        """Return the topics, or None where they are not stated."""
+        if self.lost() or self._stated is None or not self._stated.keys() <= self._channels.keys():
+            return None
+        self._counts = self._stated
+        return list(self.topics())
+
+    def lost(self) -> str:
+        """Return what is damaged outside chunks; messages in them are not counted."""
+        return "; ".join(self._lost)
+
+    def _take_chunk(self, content: bytes) -> None:
+        del content
+
+    def _take(self, opcode: int, content: bytes) -> None:
+        super()._take(opcode, content)
+        if opcode == Opcode.STATISTICS:
+            found = Statistics.read(record_stream(content))
+            counts = dict(found.channel_message_counts)
+            self._stated = counts if sum(counts.values()) == found.message_count else None
 
 
 def normal_type(msgtype: str) -> str:

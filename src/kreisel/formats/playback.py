@@ -12,22 +12,8 @@ import numpy as np
 from mcap.writer import MCAP0_MAGIC
 
 from kreisel.errors import RecordingError
-from kreisel.formats.bag import (
-    IMU,
-    IMU_ROLE,
-    JOINTS,
-    REFERENCE_ROLE,
-    REFERENCE_ROWS,
-    Role,
-    body_of,
-    choose_topic,
-    decode_topic,
-    imu_of,
-    joint_topic,
-    joints_of,
-    listed,
-    poses_of,
-)
+from kreisel.formats.bag import REFERENCE_ROLE, REFERENCE_ROWS, body_of, decode_topic, imu_of, joints_of, poses_of
+from kreisel.formats.bag_topics import IMU, IMU_ROLE, JOINTS, Role, choose_topic, joint_topic, listed
 from kreisel.formats.mcap import RECORDED, Contents, Topic, check_magic, read_mcap
 from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, ReferencePoses, Stamps
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +22,13 @@ _ROWS = 20_000  # rows written at once; chosen: 2 MB of text, and few calls for 
 _QUATERNION_HEADER = ",q_w [],q_x,q_y,q_z"
 
 
-def write(recording: Recording, path: str | Path) -> None:
+def write(recording: Recording, path: str | Path, further: Mapping[str, ImuSamples] | None = None) -> None:
     """Write a recording as an MCAP file where the path ends in .mcap, otherwise as a folder.
+
+    Parameters
+    ----------
+    further
+        Readings of further units of a tray by their names, imu1, imu2, …; the settings are then those of all.
 
     Raises
     ------
@@ -33,23 +39,26 @@ def write(recording: Recording, path: str | Path) -> None:
     suffix = path.suffix.lower()
     if suffix in SUFFIXES and suffix not in WRITERS:
         raise RecordingError(f"{suffix} files are only read; name a folder or an .mcap file", file=path)
-    WRITERS.get(suffix, write_folder)(recording, path)
+    if further:
+        recording = replace(recording, settings=recording.settings.of_all_imus())
+    WRITERS.get(suffix, write_folder)(recording, path, further or {})
 
 
-def _write_mcap(recording: Recording, path: Path) -> None:
-    from kreisel.formats.mcap import write_mcap  # here, because rosbags is slow to import
+def _write_mcap(recording: Recording, path: Path, further: Mapping[str, ImuSamples]) -> None:
+    from kreisel.formats.mcap_file import write_mcap  # here, because rosbags is slow to import
 
-    write_mcap(recording, path)
+    write_mcap(recording, path, further)
 
 
-def write_tum(recording: Recording, path: Path) -> None:
-    """Write the reference as a TUM trajectory: s, position, quaternion with its scalar last.
+def write_tum(recording: Recording, path: Path, further: Mapping[str, ImuSamples] | None = None) -> None:
+    """Write the reference as a TUM trajectory: s, position, quaternion with its scalar last; IMUs are left out.
 
     Raises
     ------
     RecordingError
         If the file exists or cannot be written, or there are no positions with orientations.
     """
+    del further
     reference = recording.reference
     if reference is None or reference.positions is None or reference.quaternions is None:
         raise RecordingError(
@@ -69,12 +78,15 @@ def write_tum(recording: Recording, path: Path) -> None:
         raise RecordingError(f"cannot be written: {error.strerror}", file=path) from error
 
 
-WRITERS: dict[str, Callable[[Recording, Path], None]] = {".mcap": _write_mcap, ".tum": write_tum}
+WRITERS: dict[str, Callable[[Recording, Path, Mapping[str, ImuSamples]], None]] = {
+    ".mcap": _write_mcap,
+    ".tum": write_tum,
+}
 """By the suffix of the file; without one of these a folder is written."""
 
 
-def write_folder(recording: Recording, path: Path) -> None:
-    """Write a recording as a folder in the EuRoC/ASL layout; every float64 is read back as it was.
+def write_folder(recording: Recording, path: Path, further: Mapping[str, ImuSamples] | None = None) -> None:
+    """Write a recording as a folder in the EuRoC/ASL layout; every float64 is read back as it was. See `write`.
 
     The reference's folder has the reference's name; a ROS topic gives its own name without slashes, and
     kreisel's own topics give `pose0`.
@@ -89,6 +101,8 @@ def write_folder(recording: Recording, path: Path) -> None:
         raise RecordingError(f"is a {kind} already; delete it, or give another name", file=path)
     try:
         _write_streams(recording, path)
+        for name, imu in (further or {}).items():
+            write_imu(imu, path / name)
         write_settings(recording, path)
     except OSError as error:
         raise RecordingError(f"cannot be written: {error.strerror}", file=path) from error
@@ -191,9 +205,7 @@ def _write_rows(path: Path, header: str, stamps: Stamps, values: Array) -> None:
 
 def settings_toml(settings: RecordingSettings) -> str:
     """Return the settings that are set as TOML, empty where none is."""
-    tables = settings.model_dump(exclude_none=True)
-    tables |= tables.pop("imus") | tables.pop("devices")
-    return "\n".join(toml_table(name, table) for name, table in tables.items() if table)
+    return "\n".join(toml_table(name, table) for name, table in settings.tables.items() if table)
 
 
 def toml_table(name: str, table: Mapping[str, float | str]) -> str:

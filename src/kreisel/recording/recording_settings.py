@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, ValidationError, field_validator
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import read_text
@@ -164,12 +165,31 @@ class RecordingSettings(_Table):
     devices: dict[str, DeviceTable] = {}
     fixed: dict[str, str] = {}
     prior: dict[str, str] = {}
+    _of_all: tuple[ImuTable, DeviceTable] | None = PrivateAttr(None)
 
     def of_imu(self, name: str) -> RecordingSettings:
-        """Return the settings with the tables of one IMU, named as its folder."""
+        """Return the settings with the tables of one IMU by its name, of these or of those of another IMU."""
+        imu, device = self._of_all or (self.imu, self.device)
         number = name.removeprefix("imu")
-        own = {"imu": self.imus.get(name, self.imu), "device": self.devices.get(f"device{number}", self.device)}
-        return self.model_copy(update=own)
+        own = {"imu": self.imus.get(name, imu), "device": self.devices.get(f"device{number}", device)}
+        return self._with(own, None if own == {"imu": imu, "device": device} else (imu, device))
+
+    def of_all_imus(self) -> RecordingSettings:
+        """Return the settings with the tables that hold for all IMUs."""
+        imu, device = self._of_all or (self.imu, self.device)
+        return self._with({"imu": imu, "device": device}, None)
+
+    def _with(self, tables: dict[str, Any], of_all: tuple[ImuTable, DeviceTable] | None) -> RecordingSettings:
+        out = self.model_copy(update=tables)
+        out._of_all = of_all
+        return out
+
+    @property
+    def tables(self) -> dict[str, dict[str, Any]]:
+        """What is set, by the tables of recording.toml."""
+        tables = self.model_dump(exclude_none=True)
+        of_units = tables.pop("imus") | tables.pop("devices")
+        return tables | of_units
 
     @field_validator("fixed", "prior", mode="before")
     @classmethod
@@ -237,13 +257,23 @@ def read_settings(path: Path) -> RecordingSettings:
         for key in table if kind in _TABLES else ():
             if key not in _TABLES[kind].model_fields:
                 raise RecordingError(unknown_name("key", f"{name}.{key}", _TABLES[kind].model_fields), file=path)
-    for name in [name for name in content if _kind_of(name) != name]:
-        content.setdefault(_OF_ONE_IMU[_kind_of(name)], {})[name] = content.pop(name)
     try:
         # strict: "0.001" and true are not numbers
-        return RecordingSettings.model_validate(content, strict=True)
+        return RecordingSettings.model_validate(with_units_together(content), strict=True)
     except ValidationError as error:
         raise RecordingError(what_is_wrong(error), file=path) from error
+
+
+def with_units_together(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tables as `RecordingSettings` has them: [imu1] is in `imus`, [device1] in `devices`."""
+    out: dict[str, Any] = {}
+    for name, table in tables.items():
+        kind = _kind_of(name)
+        if kind == name:
+            out[name] = table
+        else:
+            out.setdefault(_OF_ONE_IMU[kind], {})[name] = table
+    return out
 
 
 def _kind_of(name: str) -> str:

@@ -14,7 +14,8 @@ from rosbags.typesys import Stores, get_typestore
 from kreisel.errors import RecordingError
 from kreisel.formats.bag import load_bag
 from kreisel.formats.loading import load
-from kreisel.formats.mcap import CHUNK_SIZE, write_mcap
+from kreisel.formats.mcap import CHUNK_SIZE
+from kreisel.formats.mcap_file import write_mcap
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.recording_settings import RecordingSettings
 

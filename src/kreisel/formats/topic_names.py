@@ -1,0 +1,16 @@
+"""The topics that kreisel writes."""
+
+from __future__ import annotations
+
+IMU_TOPIC = "/imu/data_raw"
+POSE_TOPIC = "/robot/pose"
+POSITION_TOPIC = "/robot/position"
+ORIENTATION_TOPIC = "/robot/orientation"
+JOINT_TOPIC = "/robot/joint_states"
+NOTE_TOPIC = "/kreisel/notes"
+"""Topic of events during recording: devices lost and reconnected, jumps of clocks."""
+
+
+def topic_of(unit: int) -> str:
+    """Return the topic of a unit's readings: /imu/data_raw of the first, then /imu1/data_raw, …."""
+    return f"/imu{unit}/data_raw" if unit else IMU_TOPIC
