@@ -7,6 +7,9 @@ import sys
 
 import pytest
 
+from kreisel.batch.jobs import jobs_in
+from kreisel.model.calibration_settings import CalibrationSettings
+
 CELL = """
 seed = 8
 seconds = 60
@@ -124,3 +127,9 @@ def test_units_of_trays_have_a_history_and_a_gauge(lot):
     found = json.loads(done.stdout)
     assert found["runs"] == 4
     assert found["appraisers"] == ["a", "b"]
+
+
+def test_units_in_one_file_are_a_tray_too(lot, tmp_path):
+    assert run("convert", lot / "in" / "day-0" / "tray", tmp_path / "tray.mcap").returncode == 0
+    (job,) = jobs_in(tmp_path, tmp_path / "out", CalibrationSettings())
+    assert list(job.runs.values()) == ["tray.mcap/imu0", "tray.mcap/imu1", "tray.mcap/imu2"]

@@ -83,7 +83,7 @@ def jobs_in(folder: Path, out: Path, settings: CalibrationSettings, *, links: bo
 
 def _units_in(path: Path) -> tuple[str, ...]:
     """Return the names of the IMUs if there are several."""
-    from kreisel.formats.folder import imus_in
+    from kreisel.formats.imus import imus_in
 
     try:
         found = imus_in(path)
