@@ -105,7 +105,8 @@ def write_pages(small, out):
     compared = compare_methods(small, ["ekf", "batch"])
     write_comparison([compared, compared], ["a", "b"], out / "comparison.html")
     runs = [run(k, 30.0 if k == 3 else float(k % 5)) for k in range(30)]
-    write_batch(units_of(runs, LIMITS), LIMITS, "lead", True, out / "batch.html")
+    tray = [replace(run(40 + k, 1.0), key=f"key/imu{k}", name=f"tray/imu{k}") for k in range(3)]
+    write_batch(units_of([*runs, *tray], LIMITS), LIMITS, "lead", True, out / "batch.html")
     dated = [replace(one, date=f"20{10 + k}-05-01") for k, one in enumerate(runs[:6])]
     write_history(history_of("u", dated, LIMITS), LIMITS, out / "history.html")
     write_allan("rest", allan_report(at_rest(1200.0)), out / "allan.html")
