@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +17,7 @@ from kreisel.devices.address import Address
 from kreisel.devices.events import Arrival, Event, Level
 from kreisel.devices.opening import events
 from kreisel.devices.replay import REPLAY
-from kreisel.errors import DeviceError, KreiselError, RecordingError
+from kreisel.errors import DeviceError, KreiselError, RecordingError, SettingsError
 from kreisel.formats.mcap import INFO, RECORDED, WARN, McapWriter
 from kreisel.protocols.samples import ImuSample, RobotSample
 from kreisel.recording.recording_settings import RecordingSettings
@@ -29,7 +29,7 @@ SHOW = 0.5
 """Seconds between two calls of `show`."""
 
 _QUEUE = 50_000
-"""Events that may wait to be written. Chosen: 50 s of an IMU and an arm at 500 Hz each, for a disk that stalls;
+"""Events of two devices that may wait to be written. Chosen: 50 s of an IMU and an arm at 500 Hz, if a disk stalls;
 limited, because a disk that no longer writes must not fill the memory."""
 
 
@@ -69,11 +69,13 @@ class Excitation:
 class Status:
     """The status of a recorder while it runs.
 
-    `locked_out` says that another sender than the recorded one may be the robot; empty if there was none.
+    `locked_out` says that another sender than the recorded one may be the robot; empty if there was none. `further` are
+    the streams of IMUs after the first, which the excitation is of.
     """
 
     began_ns: int
     imu: Stream = field(default_factory=Stream)
+    further: tuple[Stream, ...] = ()
     robot: Stream = field(default_factory=Stream)
     excitation: Excitation = field(default_factory=Excitation)
     notes: list[str] = field(default_factory=list)
@@ -82,13 +84,18 @@ class Status:
     locked_out: str = ""
 
     @property
+    def imus(self) -> tuple[Stream, ...]:
+        """The streams of all IMUs, in the order of their units."""
+        return (self.imu, *self.further)
+
+    @property
     def empty(self) -> bool:
         """Whether no reading of any device has been received."""
-        return not self.imu.count and not self.robot.count
+        return not any(stream.count for stream in (*self.imus, self.robot))
 
     def complete(self, *, with_robot: bool) -> bool:
         """Return whether readings of every recorded device have been received."""
-        return self.imu.count > 0 and (self.robot.count > 0 or not with_robot)
+        return all(stream.count > 0 for stream in self.imus) and (self.robot.count > 0 or not with_robot)
 
 
 Show = Callable[[Status], None]
@@ -105,12 +112,16 @@ class Recorder:
         Written first.
     unix_ns, host_ns
         The same moment on the host's two clocks: log times are monotonic times plus their difference.
+    further
+        Names of the IMUs after the first: readings of each have a topic of their own.
     """
 
     def __init__(
-        self, stream: BinaryIO, settings: RecordingSettings, urdf: str | None, unix_ns: int, host_ns: int
-    ) -> None:
-        self.status = Status(host_ns)
+        self, stream: BinaryIO, settings: RecordingSettings, urdf: str | None, unix_ns: int, host_ns: int,
+        further: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        self.status = Status(host_ns, further=tuple(Stream() for _ in further))
+        self._units = {name: k for k, name in enumerate(further, 1)}
         self._stream = stream
         self._shift = unix_ns - host_ns
         self._writer = McapWriter(stream)
@@ -125,20 +136,27 @@ class Recorder:
             self.status.locked_out = self.status.locked_out or (event.text if event.level is Level.LOCKED_OUT else "")
             self.note(event.text, event.host_ns, WARN if event.level is not Level.INFO else INFO)
             return [event]
-        stream = self.status.imu if isinstance(event.sample, ImuSample) else self.status.robot
+        unit = self.unit_of(source)
+        stream = self.status.imus[unit] if isinstance(event.sample, ImuSample) else self.status.robot
         kept, notes = stream.take(event)
         for text in notes:
             self.note(f"{source}: {text}", event.host_ns, WARN)
         for arrival in kept:
-            self._write(arrival, stream.epoch)
+            self._write(arrival, stream.epoch, unit)
         return list(kept)
 
-    def _write(self, arrival: Arrival, epoch: int) -> None:
+    def unit_of(self, source: str) -> int:
+        """Return the number of the unit of an IMU by its name: 0 for the first one, and for the robot."""
+        return self._units.get(source, 0)
+
+    def _write(self, arrival: Arrival, epoch: int, unit: int) -> None:
         sample, log_ns = arrival.sample, arrival.host_ns + self._shift
         if isinstance(sample, RobotSample):
             self._pose(sample, log_ns, epoch)
             return
-        self._writer.add_imu(sample.stamp_ns, sample.rate, sample.acceleration, log_ns, epoch)
+        self._writer.add_imu(sample.stamp_ns, sample.rate, sample.acceleration, log_ns, epoch, unit)
+        if unit:
+            return
         if self._imu_ns is not None:
             self.status.excitation.take(sample, min(0.1, max(0.0, (sample.stamp_ns - self._imu_ns) * 1e-9)))
         self._imu_ns = sample.stamp_ns
@@ -171,6 +189,7 @@ async def record(
     robot: Address | None,
     output: Path,
     *,
+    further: Sequence[Address] = (),
     seconds: float | None = None,
     settings: RecordingSettings | None = None,
     urdf: str | None = None,
@@ -187,30 +206,37 @@ async def record(
     ----------
     output
         An .mcap file, or a folder in which one is created.
+    further
+        IMUs beside the first, on one rigid body with it: units of a tray.
     show
         Called twice a second, and at the end.
     observe
-        Called with every event that is kept, after it is passed to the file.
+        Called with every event of robot and first IMU that is kept, after it is passed to the file.
 
     Raises
     ------
     RecordingError
         If the file exists or cannot be written (earlier data are kept), or if a recording cannot be played.
     SettingsError, DeviceError
-        If an address is invalid, or not free to listen on; data already received from another device are kept.
+        If an address is invalid, given twice, or not free to listen on; data already received from another device are
+        kept.
     """
     place = Place.of(output)
     if place.file.exists():
         raise RecordingError("exists already; delete it, or give another name", file=place.file)
-    addresses = [address for address in (imu, robot) if address is not None]
+    names = [str(address) for address in (imu, *further)]
+    if twice := [name for k, name in enumerate(names) if name in names[:k]]:
+        raise SettingsError(f"--imu {twice[0]} is given twice, expected an address for each device; leave one out")
+    addresses = [address for address in (imu, *further, robot) if address is not None]
     sources = [events(address) for address in addresses]
     stop = stop or asyncio.Event()
-    queue: asyncio.Queue[tuple[str, Event]] = asyncio.Queue(_QUEUE)
+    queue: asyncio.Queue[tuple[str, Event]] = asyncio.Queue(_QUEUE * (2 + len(further)) // 2)
     recorder: Recorder | None = None
     try:
         place.file.parent.mkdir(parents=True, exist_ok=True)
         with place.file.open("xb") as stream:
-            recorder = Recorder(stream, settings or RecordingSettings(), urdf, time.time_ns(), time.monotonic_ns())
+            known, now = settings or RecordingSettings(), (time.time_ns(), time.monotonic_ns())
+            recorder = Recorder(stream, known, urdf, *now, names[1:])
             feeding = [
                 asyncio.create_task(_feed(str(address), source, queue))
                 for address, source in zip(addresses, sources, strict=True)
@@ -306,7 +332,7 @@ async def _write(
 
     def take(name: str, event: Event) -> None:
         for kept in recorder.take(name, event):
-            if observe is not None:
+            if observe is not None and not recorder.unit_of(name):
                 observe(kept)
 
     def take_waiting() -> None:
@@ -322,7 +348,7 @@ async def _write(
             take_waiting()
             return
         now = time.monotonic()
-        if began is None and status.imu.count and (status.robot.count or not with_robot):
+        if began is None and status.complete(with_robot=with_robot):
             began = now
         status.seconds = 0.0 if began is None else now - began
         if seconds is not None and began is not None and now - began >= seconds:

@@ -1,4 +1,7 @@
-"""Reading a recording while it is being made; reader and recorder share the file only."""
+"""Reading a recording while it is being made; reader and recorder share the file only.
+
+Of several IMUs the first is read.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.formats.bag import WANTED, Decoded, decode_topic, notes_of, recording_of
 from kreisel.formats.mcap import NOTE_TYPE, RECORDED, Contents, McapScan, Topic, check_magic
-from kreisel.formats.topic_names import IMU_TOPIC
+from kreisel.formats.topic_names import IMU_TOPIC, is_of_a_further_unit
 from kreisel.recording.recording import Recording
 from kreisel.validation.checks import check_streams
 
@@ -183,7 +186,7 @@ class Tail:
         for topic in self._scan.take_fresh():
             if topic.msgtype == NOTE_TYPE:
                 self.notes += notes_of(Contents(self.file, (topic,)))
-            elif topic.msgtype in WANTED:
+            elif topic.msgtype in WANTED and not is_of_a_further_unit(topic.name):
                 new[topic.name] = self._rows(topic)
         if self._keep and not self.full:
             self._add(new)

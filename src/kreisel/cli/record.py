@@ -1,4 +1,4 @@
-"""`kreisel record`: record readings of an IMU and poses of a robot in one file."""
+"""`kreisel record`: record readings of one IMU or several and poses of a robot in one file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from kreisel.cli.watch import DASHBOARD, PORT, page_of
 
 if TYPE_CHECKING:
     import asyncio
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from kreisel.acquisition.recorder import Place, Status
     from kreisel.devices.address import Address
@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 
 
 def record(
-    imu: str = typer.Option(
+    imu: list[str] = typer.Option(
         ...,
         "--imu",
-        help="Address of the IMU, such as ixcom://192.168.1.30:3000, csv://…, mavlink://…, ros2://… or mcap:///FILE.",
+        help="Address of the IMU, such as ixcom://192.168.1.30:3000, csv://…, mavlink://…, ros2://… or mcap:///FILE; "
+        "may be repeated, for units of a tray.",
         autocompletion=completion.imus,
     ),
     robot: str | None = typer.Option(
@@ -34,7 +35,7 @@ def record(
     ),
     output: Path = typer.Option(..., "-o", "--output", help="Recording: an .mcap file, or a folder to make."),
     seconds: float | None = typer.Option(
-        None, "--seconds", min=0.1, help="End this many seconds after readings of both have begun."
+        None, "--seconds", min=0.1, help="End this many seconds after readings of all devices have begun."
     ),
     settings: Path | None = typer.Option(None, help="recording.toml with what is known of IMU, site and reference."),
     urdf: Path | None = typer.Option(None, help="The robot's description; needed to use joint angles."),
@@ -50,7 +51,7 @@ def record(
     from kreisel.devices.address import IMUS, ROBOTS, parse_address
     from kreisel.recording.recording_settings import RecordingSettings, read_settings
 
-    of_imu = parse_address(imu, IMUS)
+    of_imu, *further = [parse_address(address, IMUS) for address in imu]
     of_robot = None if robot is None else parse_address(robot, ROBOTS)
     known = RecordingSettings() if settings is None else read_settings(settings)
     robot_text = None if urdf is None else description(urdf)
@@ -58,7 +59,15 @@ def record(
     async def until_stopped() -> Status:
         stop = interrupted()
         return await record_streams(
-            of_imu, of_robot, output, seconds=seconds, settings=known, urdf=robot_text, stop=stop, show=_show()
+            of_imu,
+            of_robot,
+            output,
+            further=further,
+            seconds=seconds,
+            settings=known,
+            urdf=robot_text,
+            stop=stop,
+            show=_show(),
         )
 
     place = Place.of(output)
@@ -66,14 +75,24 @@ def record(
         status = asyncio.run(until_stopped())
     if sys.stderr.isatty():
         typer.echo(err=True)
-    check_complete(status, of_imu, of_robot, place)
+    check_complete(status, (of_imu, *further), of_robot, place)
     poses = f", {status.robot.count} poses at {status.robot.rate:.1f} Hz" if robot is not None else ""
+    missing, late = (
+        f"{', '.join(str(getattr(stream, name)) for stream in status.imus)} and {getattr(status.robot, name)}"
+        for name in ("missing", "late")
+    )
     typer.echo(
-        f"{output}: {status.seconds:.1f} s, {status.imu.count} IMU samples at {status.imu.rate:.1f} Hz{poses}; missing "
-        f"{status.imu.missing} and {status.robot.missing}, repeated or late {status.imu.late} and {status.robot.late}; "
+        f"{output}: {status.seconds:.1f} s, {_samples(status)}{poses}; missing {missing}, repeated or late {late}; "
         f"next: kreisel calibrate {output} -o OUT"
     )
     _check_settings(known, status)
+
+
+def _samples(status: Status) -> str:
+    """Return how many samples there are of each IMU."""
+    if not status.further:
+        return f"{status.imu.count} IMU samples at {status.imu.rate:.1f} Hz"
+    return ", ".join(f"{s.count} samples of imu{k} at {s.rate:.1f} Hz" for k, s in enumerate(status.imus))
 
 
 def interrupted() -> asyncio.Event:
@@ -87,8 +106,8 @@ def interrupted() -> asyncio.Event:
     return stop
 
 
-def check_complete(status: Status, imu: Address, robot: Address | None, place: Place) -> None:
-    """Raise an error if a device sent no readings; those of the other device are kept in a separate file.
+def check_complete(status: Status, imus: Sequence[Address], robot: Address | None, place: Place) -> None:
+    """Raise an error if a device sent no readings; those of the other devices are kept in a separate file.
 
     Raises
     ------
@@ -101,8 +120,10 @@ def check_complete(status: Status, imu: Address, robot: Address | None, place: P
         if status.locked_out:
             raise DeviceError(f"{status.locked_out}; what was recorded is kept in {place.file}, and may be of another")
         return
-    counts = ((imu, "readings", status.imu.count), (robot, "poses", status.robot.count))
-    missing = [(address, what) for address, what, count in counts if address is not None and not count]
+    counts = [(imu, "readings", stream.count) for imu, stream in zip(imus, status.imus, strict=True)]
+    if robot is not None:
+        counts.append((robot, "poses", status.robot.count))
+    missing = [(address, what) for address, what, count in counts if not count]
     messages = []
     for address, what in missing:
         notes = [note.removeprefix(f"{address}: ") for note in status.notes if note.startswith(f"{address}: ")]
@@ -153,7 +174,8 @@ def _show() -> Callable[[Status], None]:
         if not sys.stderr.isatty():
             return
         parts = [f"{status.seconds:6.1f} s", f"{status.written / 1e6:.1f} MB"]
-        for name, stream in (("IMU", status.imu), ("robot", status.robot)):
+        imus = [(f"imu{k}" if status.further else "IMU", stream) for k, stream in enumerate(status.imus)]
+        for name, stream in (*imus, ("robot", status.robot)):
             drift = "" if stream.drift_ppm is None else f" {stream.drift_ppm:+.0f} ppm"
             parts.append(f"{name} {stream.rate:.1f} Hz{drift}, {stream.missing} missing")
         parts.append(

@@ -48,7 +48,7 @@ def record_guided(address: str, output: Path, how: Guided) -> Path:
     output.mkdir(parents=True, exist_ok=True)
     with page_of(file, how.port, wanted=how.dashboard, guide=True, host=how.host):
         status = _recorded(of_imu, file, guide, how.seconds)
-    check_complete(status, of_imu, None, Place.of(file))
+    check_complete(status, (of_imu,), None, Place.of(file))
     typer.echo(f"{file}: {status.seconds:.1f} s, {status.imu.count} IMU samples", err=True)
     return file
 
