@@ -72,7 +72,7 @@ def apply(
 
     if fuse:
         others = {"--axes": axes not in (None, "tool"), "--map": columns, "--seconds": seconds}
-        others[f"--imu {imu}"] = imu not in (None, ALL)
+        others["--imu"] = imu not in (None, ALL)
         _refuse({**others, "--topic": topic != _TOPIC, "-o -": output == _STREAM, raw: raw == _STREAM or "://" in raw})
         _apply_fused(calibration, Path(raw), Path(output), imu, force=force, as_json=json)
         return
