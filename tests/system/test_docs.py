@@ -164,7 +164,7 @@ def test_help_answers_without_the_mathematics():
 
 
 def test_the_reference_is_made_from_docstrings(tmp_path):
-    """`make site` runs this for all packages; names of the first page have signatures, though they are imported late."""
+    """`make site` runs this for all packages; names on the first page have signatures, though imported late."""
     script = DOCS.parent / "design" / "api_pages.py"
     subprocess.run([sys.executable, script, tmp_path, "model.problem"], check=True, capture_output=True)
     page = (tmp_path / "kreisel" / "model" / "problem.html").read_text(encoding="utf-8")

@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.array.resampled import Resampled, white_noise
 from kreisel.errors import SynchronizationError
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Mask
 from kreisel.preparation.imu_noise import noise_stated
 from kreisel.recording.location import is_table
 from kreisel.recording.recording import ImuSamples, Recording
@@ -39,6 +39,8 @@ class Aligned:
         Matrix and offset.
     noise : (2,)
         Noise density of rates and accelerations so brought, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz), rms over the axes.
+    share
+        Of the base unit's times, that at which there are readings.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Aligned:
     gyro: Array
     accel: Array
     noise: Array
+    share: float
 
     def brought(self, readings: Resampled) -> tuple[Array, Array]:
         """Return rates and accelerations (n, 3) in the axes of the base unit."""
@@ -79,7 +82,7 @@ def align(name: str, imu: ImuSamples, clock: Clock, readings: Resampled, base: R
         float(np.sqrt(imu.interval * np.mean((part[:, :3] @ white_noise(own)) ** 2)))
         for part, own in ((gyro, imu.rates), (accel, imu.accelerations))
     ]
-    return Aligned(name, clock, gyro, accel, np.array(noise))
+    return Aligned(name, clock, gyro, accel, np.array(noise), float(np.mean(readings.known)))
 
 
 def _linear(x: Array, y: Array) -> tuple[Array, float]:
@@ -122,8 +125,11 @@ class MeanImu:
         return np.asarray(self._whole**2 / self._squares)
 
     def recording(self, base: Recording) -> Recording:
-        """Return the recording of the mean, with the reference of the base unit's."""
-        known = (self._weights > 1e-9 * self._whole).all(axis=1)
+        """Return the recording of the mean while all units read, with the reference of the base unit's."""
+        known: Mask = np.all(self._weights > 1e-9 * self._whole, axis=1)
+        whole = np.flatnonzero((self._weights > (1.0 - 1e-9) * self._whole).all(axis=1))
+        if whole.size:
+            known[: whole[0]] = known[whole[-1] + 1 :] = False
         rates, forces = (self._sums[known, 3 * k : 3 * k + 3] / self._weights[known, k, None] for k in (0, 1))
         warm = self._warm[known]
         temperature = self._warmth[known] / warm if warm.size and (warm > 0.0).all() else None

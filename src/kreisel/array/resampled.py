@@ -100,7 +100,11 @@ def clipped_samples(values: Array) -> Mask:
 
 
 def white_noise(values: Array) -> Array:
-    """Return standard deviations (3,) of white noise by third differences, whose median motion hardly touches."""
+    """Return standard deviations (3,) of white noise by third differences, whose median motion hardly touches.
+
+    Of readings in steps, most of whose differences are zero, their rms.
+    """
     difference = np.abs(np.diff(values, 3, axis=0))
     # of third differences the variance is 20 times that of the noise; 0.6745 makes a median absolute value a deviation
-    return np.asarray(np.median(difference, axis=0) / (0.6745 * 20.0**0.5) + 1e-12)
+    usual = np.median(difference, axis=0) / 0.6745
+    return np.asarray(np.where(usual > 0.0, usual, np.sqrt(np.mean(difference**2, axis=0))) / 20.0**0.5 + 1e-12)

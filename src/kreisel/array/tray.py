@@ -7,7 +7,7 @@ all units; each of them costs a linear fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -32,7 +32,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block
 from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
-from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.calibration_settings import BY_CHOICE, CalibrationSettings
 from kreisel.model.parameters import PASSING_GROUPS
 from kreisel.progress import Progress
 from kreisel.recording.recording import Recording
@@ -48,6 +48,15 @@ _TOGETHER = 4
 
 MIN_UNITS = 3
 """Units among which one that disagrees with the others can be named."""
+
+_MISFIT, _ODD = 1.7, 1.4
+"""Differences from the common motion over what noise explains, from which a unit may be left out of the mean, and over
+those of the other units. Chosen: without a fault it is 0.9 for each unit, and one at fault in four has three times as
+much as the others."""
+
+_WHOLE = 0.98
+"""Share of the recording that the readings of a unit of the mean cover, over that of most units. Chosen: where a unit
+begins or ends, the mean changes by its lever arms, which is no motion."""
 
 _NEEDED = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
 
@@ -79,20 +88,53 @@ def calibrate_tray(
     """
     check_settings(settings)
     tray = _Tray.of(_Kept(read), names, progress, executor)
+    run = partial(run_calibration, progress=progress, executor=executor, validate=validate, budget=True)
+    mean = run(tray.mean_recording(), settings)
     turned: dict[str, Turn] = {}
+    odd: dict[str, float] = {}
     while True:
-        mean = run_calibration(
-            tray.mean_recording(), settings, progress, executor=executor, validate=validate, budget=True
-        )
         found = _fitted(tray, mean, progress, executor)
-        worst = max(
-            (name for name in found.turns if name not in turned), key=lambda n: found.turns[n].weight, default=None
-        )
-        if worst is None or len(tray.units) - len(turned) < MIN_UNITS:
+        more = _with_shown(settings, [fit for name, fit in found.fits.items() if name in tray.in_mean])
+        if more is not None:
+            other = run(tray.mean_recording(), more)
+            settings = more
+            if other.verdict.accepted or not mean.verdict.accepted:
+                mean = other
+                continue
+        out = _odd_one(tray, found, turned)
+        if out is None:
             break
-        turned[worst] = found.turns[worst]
-        tray.take_out(worst)
-    return _outcome(tray, mean, found, turned, executor)
+        if out in found.turns:
+            turned[out] = found.turns[out]
+        else:
+            odd[out] = found.misfits[out]
+        tray.take_out(out)
+        mean = run(tray.mean_recording(), settings)
+    odd = {name: found.misfits.get(name, own) for name, own in odd.items()}
+    return _outcome(tray, mean, found, turned, odd, executor)
+
+
+def _with_shown(settings: CalibrationSettings, fits: Iterable[UnitFit]) -> CalibrationSettings | None:
+    """Return settings that estimate the effects that units show; None if there are no others."""
+    shown = {group for fit in fits for group in fit.shown}
+    order = 3 if any(group.endswith("polynomial") for group in shown) else settings.polynomial_order
+    estimated = [group for group in BY_CHOICE if group in shown and group not in settings.estimated]
+    if order == settings.polynomial_order and not estimated:
+        return None
+    return replace(settings, polynomial_order=order, estimated=(*settings.estimated, *estimated))
+
+
+def _odd_one(tray: _Tray, found: _Fitted, turned: Mapping[str, Turn]) -> str | None:
+    """Return the unit that the mean is better without: the one that fits worst, or that turned on its mount."""
+    rest = {name: found.misfits[name] for name in tray.in_mean if name in found.misfits}
+    if len(rest) < MIN_UNITS:
+        return None
+    worst = max(rest, key=lambda name: rest[name])
+    others = float(np.median([own for name, own in rest.items() if name != worst]))
+    if rest[worst] > max(_MISFIT, _ODD * others):
+        return worst
+    turns = {name: turn.weight for name, turn in found.turns.items() if name not in turned and name in tray.in_mean}
+    return max(turns, key=lambda name: turns[name], default=None)
 
 
 def check_settings(settings: CalibrationSettings) -> None:
@@ -138,6 +180,10 @@ class _Tray:
     ) -> None:
         self.recording, self.base, self.units, self.left_out, self._mean = read, base, units, left_out, mean
         self.in_mean = set(units)
+        usual = float(np.median([unit.share for unit in units.values()]))
+        for name, unit in units.items():
+            if unit.share < _WHOLE * usual and len(self.in_mean) > 1:
+                self.take_out(name)
 
     @classmethod
     def of(cls, read: _Kept, names: Sequence[str], progress: Progress | None, executor: Executor) -> _Tray:
@@ -214,11 +260,12 @@ def unit_reader(base: Recording, first: str) -> Callable[[str], Recording]:
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Fits of all units that can be fitted, and which turned on their mounts."""
+    """Fits of all units that can be fitted, which turned on their mounts, and how far differences exceed the noise."""
 
     fits: dict[str, UnitFit]
     turns: dict[str, Turn]
     failed: dict[str, str]
+    misfits: dict[str, float]
 
 
 def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None, executor: Executor) -> _Fitted:
@@ -254,7 +301,14 @@ def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None, executor: Exe
             else:
                 fits[name] = found
     turns = {name: turn for name, fit in fits.items() if (turn := turn_of(fit.parts)) is not None}
-    return _Fitted(fits, turns, failed)
+    misfits = {name: _misfit(fit, tray.units[name], common.mean.row) for name, fit in fits.items()}
+    return _Fitted(fits, turns, failed, misfits)
+
+
+def _misfit(fit: UnitFit, aligned: Aligned, row: float) -> float:
+    """Return by how much a unit's differences from the common motion exceed what its noise explains."""
+    usual = aligned.noise[:, None] / np.sqrt(row)
+    return float(np.sqrt(np.mean((fit.noise / usual) ** 2)) * np.median(fit.excess))
 
 
 def _groups(names: Sequence[str]) -> Iterator[Sequence[str]]:
@@ -302,8 +356,18 @@ def _start(mean: SensorParameters, aligned: Aligned) -> SensorParameters:
     return SensorParameters(mean.K_omega @ C_w[:, :3], k_w, mean.K_a @ C_a[:, :3], k_a, mean.lever_arms.copy(), others)
 
 
-def _outcome(tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn], executor: Executor) -> TrayOutcome:
-    """Return calibrations and relative poses of all units."""
+def _outcome(
+    tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn], odd: dict[str, float], executor: Executor
+) -> TrayOutcome:
+    """Return calibrations and relative poses of all units.
+
+    Raises
+    ------
+    RecordingError
+        If the parameters of no unit can be estimated.
+    """
+    if not found.fits:
+        raise RecordingError(f"no unit can be calibrated: {in_words(found.failed)}", file=tray.base.path)
     prepared = mean.preparation.recording.imu
     seconds = float(prepared.seconds[-1])
     clock, shares = mean.estimate.run.parameters.clock, tray.shares()
@@ -312,9 +376,8 @@ def _outcome(tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn]
     def concluded(name: str) -> UnitOutcome:
         fit, own, turn = found.fits[name], tray.recording(name), turns.get(name)
         spread = spread_of(fit, mean.calibration, seconds)
-        calibration = unit_calibration(
-            fit, mean.calibration, own, spread, _verdict(mean, turn, sure=name in turned), own.warnings, clock
-        )
+        verdict = _verdict(mean, turn, odd.get(name), sure=name in turned)
+        calibration = unit_calibration(fit, mean.calibration, own, spread, verdict, own.warnings, clock)
         return UnitOutcome(name, calibration, fit, shares[name], turn)
 
     groups = _groups(list(found.fits))
@@ -323,14 +386,26 @@ def _outcome(tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn]
     return TrayOutcome(tray.base, mean, tuple(units), left_out, _poses(mean, units), tray.gain)
 
 
-def _verdict(mean: Outcome, turn: Turn | None, *, sure: bool) -> Verdict:
-    """Return the verdict of a unit: that of the mean, and against a unit that turned.
+def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, *, sure: bool) -> Verdict:
+    """Return the verdict of a unit: that of the mean, and against a unit that turned, or does not fit the others.
 
-    sure: whether it can be told that it was this unit.
+    Parameters
+    ----------
+    odd
+        By how much its differences from the common motion exceed its noise, where the mean is better without it.
+    sure
+        Whether it can be told that it was this unit that turned.
     """
     verdict = mean.verdict
-    if turn is None:
+    if turn is None and odd is None:
         return verdict
+    sensors = dict.fromkeys(verdict.sensors, "rejected")
+    if turn is None:
+        reason = (
+            f"its readings differ from the motion of the other units by {odd:.2g} times what its noise explains; check "
+            "its mount, its clock and its connection"
+        )
+        return replace(verdict, accepted=False, reasons=(*verdict.reasons, reason), sensors=sensors)
     angle = 1e3 * float(np.linalg.norm(turn.angle))
     when = f"{turn.seconds:.0f} s after the beginning"
     reason = (
@@ -338,7 +413,6 @@ def _verdict(mean: Outcome, turn: Turn | None, *, sure: bool) -> Verdict:
         if sure
         else f"it or the other unit turned on its mount, by {2.0 * angle:.2g} mrad, {when}; fasten both"
     )
-    sensors = dict.fromkeys(verdict.sensors, "rejected")
     return replace(verdict, accepted=False, reasons=(*verdict.reasons, reason), sensors=sensors)
 
 

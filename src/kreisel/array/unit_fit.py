@@ -14,11 +14,13 @@ import numpy as np
 
 from kreisel.array.common_motion import BodyMotion, MeanMotion, MotionErrors, averaged
 from kreisel.array.resampled import Resampled, resampled
+from kreisel.array.unit_effects import candidates, shown_effects
 from kreisel.errors import EstimationError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.correction import Block
 from kreisel.inertial.effects import EFFECTS, RawReadings, features_of, groups_of, places_of
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.inertial.slopes import local_cubics
 from kreisel.recording.recording import ImuSamples
 from kreisel.synchronization.clock import Clock
 
@@ -39,6 +41,9 @@ _GROSS = 6.0
 _LENGTHS = (1.0, 4.0, 16.0)
 """Seconds of the parts whose scatter shows what the model of the noise leaves out; the longest tenfold in ten minutes.
 Chosen: periods of an arm's moves, and a few of them."""
+
+_COARSE = 4
+"""Rows that are joined where further effects are looked for. Chosen: 0.16 s, in which an arm's rates hardly change."""
 
 _FEW = 12
 """Parts below which a scatter is not known well enough. Chosen: its deviation is then a fifth."""
@@ -67,6 +72,8 @@ class UnitFit:
         Factors by which deviations exceed those by the noise alone; the covariance contains them.
     parts
         Rows in parts, for tests of their constancy.
+    shown
+        Effects that the readings show beyond those that were estimated.
     """
 
     sensors: SensorParameters
@@ -77,6 +84,7 @@ class UnitFit:
     noise: Array
     excess: Array
     parts: RowParts
+    shown: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -184,6 +192,7 @@ def fit_unit(
         solved.noise.reshape(2, 3),
         factor,
         _parts(solved, mean, sensors),
+        _shown(raw, whole, mean, sensors, layout),
     )
 
 
@@ -214,6 +223,16 @@ class _Layout:
         """Return where the effects of a sensor begin."""
         return 33 + (0 if sensor == "gyroscope" else sum(self.sizes[g] for g in groups_of(self.sizes, "gyroscope")))
 
+    def places_of_group(self, group: str) -> Indices:
+        """Return where the parameters of an effect stand."""
+        at = 33
+        for sensor in ("gyroscope", "accelerometer"):
+            for own in groups_of(self.sizes, sensor):
+                if own == group:
+                    return np.arange(at, at + self.sizes[own])
+                at += self.sizes[own]
+        return np.zeros(0, dtype=np.int64)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters after `as_parameters`."""
@@ -229,9 +248,12 @@ class _Layout:
 
     def values(self, p: SensorParameters, sensor: str) -> Array:
         """Return the values of a sensor's effects, flat."""
-        own = p.effects
-        groups = groups_of(self.sizes, sensor)
-        return np.concatenate([np.zeros(0), *(np.ravel(own.get(g, np.zeros(self.sizes[g]))) for g in groups)])
+        own, parts = p.effects, [np.zeros(0)]
+        for group in groups_of(self.sizes, sensor):
+            stored = np.ravel(own.get(group, 0.0))  # of a polynomial, perhaps of a lower order
+            parts.append(np.zeros(self.sizes[group]))
+            parts[-1][: stored.size] = stored
+        return np.concatenate(parts)
 
     def effects_of(self, change: Array) -> dict[str, Array]:
         """Return changes of the effects by group."""
@@ -297,6 +319,43 @@ def _features(
     return {
         sensor: averaged(features_of(shown, layout.sizes, sensor).T, width) for sensor in ("gyroscope", "accelerometer")
     }
+
+
+def _shown(
+    raw: Array, whole: Mask, mean: MeanMotion, p: SensorParameters, layout: _Layout
+) -> tuple[str, ...]:  # fmt: skip
+    """Return the effects that a unit's readings show beyond those of the layout; features are of mean readings."""
+    more = candidates(layout.sizes)
+    wide = _Layout.of({**layout.sizes, **more})
+    cubics = local_cubics(mean.seconds, mean.row)
+    G, S = _inverse(p.K_omega), _inverse(p.K_a)
+    readings = RawReadings(
+        mean.seconds, mean.rates @ G.T - p.k_w[0], _along(mean.forces, mean.field, S, p) - p.k_a[0],
+        cubics.slopes, cubics.curvatures, np.zeros(mean.seconds.size),
+    )  # fmt: skip
+    # temperatures are not in the means, and their effects are in what is left
+    features = {sensor: features_of(readings, wide.sizes, sensor).T for sensor in ("gyroscope", "accelerometer")}
+    axes = [
+        _Axis(averaged(axis.columns, _COARSE), axis.places, averaged(axis.left, _COARSE))
+        for axis in _rows(raw, features, mean, p, wide)
+    ]
+    try:
+        solved = _solve(axes, averaged(whole.astype(float), _COARSE) == 1.0, wide.count)
+    except EstimationError:
+        return ()
+    target = solved.information @ solved.change
+    places = {group: wide.places_of_group(group) for group in more}
+    base = np.setdiff1d(np.arange(wide.count), np.concatenate(list(places.values())))
+
+    def fitted(used: Indices) -> tuple[Array, Array]:
+        A = solved.information[np.ix_(used, used)]
+        x = np.asarray(np.linalg.solve(A, target[used]), dtype=float)
+        change = np.zeros(wide.count)
+        change[used] = x
+        factor = _excess(replace(solved, change=change), _COARSE * mean.row, used)
+        return x, factor[:, None] * _inverse(A) * factor
+
+    return shown_effects(fitted, base, places)
 
 
 def _along(forces: Array, field: Array, S: Array, p: SensorParameters) -> Array:
@@ -415,10 +474,14 @@ def _scores(solved: _Solved) -> Array:
     return out
 
 
-def _excess(solved: _Solved, row: float) -> Array:
-    """Return factors on the deviations by which they follow the scatter of parts of several lengths, (p,)."""
-    inverse = np.linalg.inv(solved.information)
-    usual, scores = np.sqrt(np.diag(inverse)), _scores(solved)
+def _excess(solved: _Solved, row: float, used: Indices | None = None) -> Array:
+    """Return factors on the deviations by which they follow the scatter of parts of several lengths, (p,).
+
+    used: places of the parameters that were estimated; all by default.
+    """
+    some = np.arange(solved.change.size) if used is None else used
+    inverse = np.linalg.inv(solved.information[np.ix_(some, some)])
+    usual, scores = np.sqrt(np.diag(inverse)), _scores(solved)[:, some]
     factor = np.ones(usual.size)
     for length in _LENGTHS:
         parts = _parted(scores, max(1, round(length / row)))

@@ -67,7 +67,8 @@ def facts_of(outcome: TrayOutcome) -> list[str]:
     """Return sentences on all units."""
     facts = [f"{name} is not used: {reason}" for name, reason in outcome.left_out]
     for unit in outcome.units:
-        facts += [f"{unit.name}: {reason}" for reason in unit.calibration.verdict.reasons if unit.turn is not None]
+        own = unit.calibration.verdict.reasons[len(outcome.mean.verdict.reasons) :]
+        facts += [f"{unit.name}: {reason}" for reason in own]
     mean = outcome.mean.verdict
     if not mean.accepted:
         facts += [f"The mean of the units is rejected, and all units with it: {'; '.join(mean.reasons)}."]

@@ -1,0 +1,70 @@
+"""Which effects a unit's readings show beyond those that are estimated: one after the other, by Wald's test.
+
+The mean of a tray shows an effect of one unit among sixteen at a sixteenth of its size, and may not show it at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Indices
+
+_CANDIDATES = {
+    "gyro_polynomial": 6, "gyro_g_sensitivity": 9, "gyro_axis_smoothing": 3,
+    "accel_polynomial": 6, "accel_axis_delay": 3, "accel_axis_smoothing": 3,
+}  # fmt: skip
+"""Effects that are looked for, and their numbers of parameters. Delays of the gyros' axes are not among them: with
+those of accelerometers and the clock they are one too many."""
+
+_PARTS_OF = {"accel_axis_delay": "accel_delay", "accel_axis_smoothing": "accel_smoothing"}
+"""Effects of each axis, and what they contain that is common to the axes: they are not estimated together."""
+
+_MOST = 4
+"""Effects of one unit that are added at most. Chosen: no device in the robustness study has more."""
+
+
+def candidates(estimated: Collection[str]) -> dict[str, int]:
+    """Return the effects that may be found beyond those that are estimated, with their numbers of parameters."""
+    return {
+        group: size
+        for group, size in _CANDIDATES.items()
+        if group not in estimated and _PARTS_OF.get(group) not in estimated
+    }
+
+
+def shown_effects(
+    fitted: Callable[[Indices], tuple[Array, Array]], base: Indices, places: Mapping[str, Indices]
+) -> tuple[str, ...]:
+    """Return the effects that data show, the clearest first.
+
+    Parameters
+    ----------
+    fitted
+        Returns values (p,) and covariance (p, p) of the parameters at some places, estimated together.
+    base
+        Places of the parameters that are estimated anyway.
+    places
+        Of the parameters of each effect that may be added.
+    """
+    found: list[str] = []
+    while len(found) < _MOST:
+        known = np.concatenate([base, *(places[group] for group in found)])
+        weights = {}
+        for group, own in places.items():
+            if group not in found:
+                x, P = fitted(np.concatenate([known, own]))
+                x, P = x[-own.size :], P[-own.size :, -own.size :]
+                weights[group] = float(x @ np.linalg.solve(P, x)) / limit(own.size)
+        best = max(weights, key=lambda group: weights[group], default=None)
+        if best is None or weights[best] < 1.0:
+            break
+        found.append(best)
+    return tuple(found)
+
+
+def limit(degrees: int) -> float:
+    """Return the chi-square from which an effect counts: 1e-4 by chance, by Wilson and Hilferty's approximation."""
+    share = 2.0 / (9.0 * degrees)
+    return degrees * float(1.0 - share + 3.719 * np.sqrt(share)) ** 3

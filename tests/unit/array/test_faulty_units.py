@@ -1,0 +1,75 @@
+"""A unit of a tray that errs in a way of its own: it is estimated or named, and the others are as good as ever."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.array.tray import calibrate_tray
+from kreisel.calibration.device_axes import vector_of
+from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.cell_settings import Cell
+
+NAMES, FAULTY = ("imu0", "imu1", "imu2", "imu3"), "imu2"
+
+
+@cache
+def tray():
+    cell = Cell.model_validate({
+        "seed": 1, "seconds": 100.0, "imu": {"grade": "industrial-mems"}, "tray": {"units": 4, "clock_offset": 1.0}
+    })  # fmt: skip
+    return {name: simulate(cell, Path("tray"), unit=k) for k, name in enumerate(NAMES)}
+
+
+def calibrated(change):
+    made = tray()
+    recordings = {name: recording for name, (_, recording) in made.items()}
+    recordings[FAULTY] = replace(recordings[FAULTY], imu=change(recordings[FAULTY].imu))
+    outcome = calibrate_tray(recordings.__getitem__, NAMES, CalibrationSettings())
+    worst = {
+        unit.name: np.max(np.abs(
+            (vector_of(unit.calibration.sensors) - vector_of(made[unit.name][0].sensors))
+            / vector_of(unit.calibration.sensor_sd)
+        )) for unit in outcome.units
+    }  # fmt: skip
+    return {unit.name: unit for unit in outcome.units}, worst
+
+
+@pytest.mark.slow
+def test_an_effect_of_one_unit_is_estimated():
+    units, worst = calibrated(lambda imu: replace(imu, rates=imu.rates + 5e-3 * imu.rates**3))
+    assert all(unit.calibration.accepted for unit in units.values())
+    assert units[FAULTY].share.any()
+    cubic = [unit.calibration.sensors.k_w[2] for unit in units.values()]
+    # the correction is added to what is read
+    np.testing.assert_allclose(cubic[2], -5e-3, rtol=0.05)
+    assert np.abs(np.delete(cubic, 2, axis=0)).max() < 2e-4
+    assert max(worst.values()) < 4.0
+
+
+@pytest.mark.slow
+def test_a_unit_whose_clock_jumps_is_named_and_does_not_spoil_the_others():
+    def late(imu):
+        half = imu.seconds > 0.5 * imu.seconds[-1]
+        return replace(imu, stamps_ns=imu.stamps_ns + np.where(half, 5_000_000, 0))
+
+    units, worst = calibrated(late)
+    assert [name for name, unit in units.items() if not unit.calibration.accepted] == [FAULTY]
+    assert "check its mount, its clock" in units[FAULTY].calibration.verdict.reasons[-1]
+    assert not units[FAULTY].share.any()
+    assert max(worst.values()) < 4.0
+
+
+@pytest.mark.slow
+def test_a_unit_that_ends_early_is_calibrated_and_not_in_the_mean():
+    def cut(imu):
+        n = 6 * imu.stamps_ns.size // 10
+        return replace(imu, stamps_ns=imu.stamps_ns[:n], rates=imu.rates[:n], accelerations=imu.accelerations[:n])
+
+    units, worst = calibrated(cut)
+    assert all(unit.calibration.accepted for unit in units.values())
+    assert not units[FAULTY].share.any()
+    assert max(worst.values()) < 4.0
