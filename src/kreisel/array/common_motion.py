@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -98,6 +98,11 @@ class MeanMotion:
             slopes(field.reshape(-1, 9)).reshape(-1, 3, 3),
         )  # fmt: skip
         return cls(width, *(averaged(part, width) for part in whole))
+
+    def joined(self, count: int) -> MeanMotion:
+        """Return means over so many rows."""
+        whole = (getattr(self, part.name) for part in fields(self) if part.name != "width")
+        return MeanMotion(self.width * count, *(averaged(part, count) for part in whole))
 
     @property
     def row(self) -> float:

@@ -126,6 +126,7 @@ class Common:
 
     motion: BodyMotion
     mean: MeanMotion
+    coarse: MeanMotion
     errors: MotionErrors
 
     @classmethod
@@ -135,7 +136,7 @@ class Common:
         """Return the motion that raw readings show with a calibration; `moved` and `count` as for `MotionErrors.of`."""
         motion = BodyMotion.of(raw, sensors)
         mean = MeanMotion.of(motion)
-        return cls(motion, mean, MotionErrors.of(raw, moved, count, mean.width))
+        return cls(motion, mean, mean.joined(_COARSE), MotionErrors.of(raw, moved, count, mean.width))
 
 
 def fit_unit(
@@ -192,7 +193,7 @@ def fit_unit(
         solved.noise.reshape(2, 3),
         factor,
         _parts(solved, mean, sensors),
-        _shown(raw, whole, mean, sensors, layout),
+        _shown(averaged(raw, _COARSE), averaged(whole.astype(float), _COARSE) == 1.0, common.coarse, sensors, layout),
     )
 
 
@@ -335,12 +336,8 @@ def _shown(
     )  # fmt: skip
     # temperatures are not in the means, and their effects are in what is left
     features = {sensor: features_of(readings, wide.sizes, sensor).T for sensor in ("gyroscope", "accelerometer")}
-    axes = [
-        _Axis(averaged(axis.columns, _COARSE), axis.places, averaged(axis.left, _COARSE))
-        for axis in _rows(raw, features, mean, p, wide)
-    ]
     try:
-        solved = _solve(axes, averaged(whole.astype(float), _COARSE) == 1.0, wide.count)
+        solved = _solve(_rows(raw, features, mean, p, wide), whole, wide.count)
     except EstimationError:
         return ()
     target = solved.information @ solved.change
@@ -352,7 +349,7 @@ def _shown(
         x = np.asarray(np.linalg.solve(A, target[used]), dtype=float)
         change = np.zeros(wide.count)
         change[used] = x
-        factor = _excess(replace(solved, change=change), _COARSE * mean.row, used)
+        factor = _excess(replace(solved, change=change), mean.row, used)
         return x, factor[:, None] * _inverse(A) * factor
 
     return shown_effects(fitted, base, places)
