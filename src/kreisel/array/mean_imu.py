@@ -89,7 +89,7 @@ def _linear(x: Array, y: Array) -> tuple[Array, float]:
     """Return matrix and offset (3, 4) that bring x to y (n, 3), and the share of y's variance they explain."""
     centre_x, centre_y = x.mean(axis=0), y.mean(axis=0)
     u, v = x - centre_x, y - centre_y
-    matrix = np.linalg.lstsq(u, v, rcond=None)[0].T
+    matrix = np.linalg.lstsq(u.T @ u, u.T @ v, rcond=None)[0].T
     left = float(np.mean((v - u @ matrix.T) ** 2)) / max(float(np.mean(v**2)), 1e-300)
     return np.column_stack([matrix, centre_y - matrix @ centre_x]), 1.0 - left
 

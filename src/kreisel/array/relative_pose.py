@@ -64,13 +64,11 @@ def clock_document(clock: Clock, first_reference_ns: int, first_ns: int) -> dict
     return {name: float(value) for name, value in found.items()}
 
 
-def relative_pose(reference: SensorParameters, own: SensorParameters, covariance: Array) -> RelativePose:
-    """Return where a unit lies against the reference unit.
+def pose_derivatives(reference: SensorParameters, own: SensorParameters) -> tuple[Array, Array, Array]:
+    """Return position (3,) and rotation (3, 3) of a unit against the reference unit, with derivatives (6, 66).
 
-    Parameters
-    ----------
-    covariance : (66, 66)
-        Of the parameters `device_axes.NAMES` of the reference unit, and of the unit.
+    These are of position and rotation vector as in `RelativePose`, by the parameters `device_axes.NAMES` of the
+    reference unit and of the unit.
     """
     base, unit = linearised(reference, "imu"), linearised(own, "imu")
     C = base.rotation.T @ unit.rotation
@@ -80,4 +78,16 @@ def relative_pose(reference: SensorParameters, own: SensorParameters, covariance
     J[:3, 33:] = base.rotation.T @ unit.J_mounting[3:]
     J[3:, :33] = -base.J_mounting[:3]
     J[3:, 33:] = C @ unit.J_mounting[:3]
+    return p, C, J
+
+
+def relative_pose(reference: SensorParameters, own: SensorParameters, covariance: Array) -> RelativePose:
+    """Return where a unit lies against the reference unit.
+
+    Parameters
+    ----------
+    covariance : (66, 66)
+        Of the parameters `device_axes.NAMES` of the reference unit, and of the unit.
+    """
+    p, C, J = pose_derivatives(reference, own)
     return RelativePose(p, C, J @ covariance @ J.T)

@@ -16,10 +16,10 @@ import numpy as np
 from kreisel.array.left_out import in_words, reason_of
 from kreisel.array.mean_imu import Aligned, MeanImu, align, gains_of
 from kreisel.array.mount_watch import Turn, turn_of
-from kreisel.array.relative_pose import RelativePose, relative_pose
 from kreisel.array.resampled import Resampled, resampled
 from kreisel.array.tray_outcome import TrayOutcome, UnitOutcome
-from kreisel.array.tray_result import mover_of, own_covariance, spread_of, unit_calibration
+from kreisel.array.tray_places import places_of_units
+from kreisel.array.tray_result import mover_of, spread_of, unit_calibration
 from kreisel.array.unit_clock import clock_of
 from kreisel.array.unit_fit import Common, UnitFit, fit_unit
 from kreisel.calibration.calibrate import run_calibration
@@ -383,7 +383,8 @@ def _outcome(
     groups = _groups(list(found.fits))
     units = [unit for group in groups for unit in executor([partial(concluded, name) for name in group])]
     left_out = tuple((tray.left_out | found.failed).items())
-    return TrayOutcome(tray.base, mean, tuple(units), left_out, _poses(mean, units), tray.gain)
+    poses, covariance = places_of_units(mean.calibration, units)
+    return TrayOutcome(tray.base, mean, tuple(units), left_out, poses, covariance, tray.gain)
 
 
 def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, *, sure: bool) -> Verdict:
@@ -414,27 +415,3 @@ def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, *, sure: bool)
         else f"it or the other unit turned on its mount, by {2.0 * angle:.2g} mrad, {when}; fasten both"
     )
     return replace(verdict, accepted=False, reasons=(*verdict.reasons, reason), sensors=sensors)
-
-
-def _poses(mean: Outcome, units: Sequence[UnitOutcome]) -> dict[str, RelativePose]:
-    """Return where the units lie against the first."""
-    n = mover_of(mean.calibration)[1]
-    P = mean.calibration.covariance[:n, :n]
-    base = units[0]
-    R0, T0 = own_covariance(base.fit)
-    out = {}
-    for unit in units[1:]:
-        R, T = own_covariance(unit.fit)
-        both = np.vstack([T0, T])
-        covariance = both @ P @ both.T
-        # differences from a mean that contains them: the noise of two units is not independent
-        among = -0.5 * (_odds(base.share) * R0 + _odds(unit.share) * R)
-        covariance += np.block([[R0, among], [among.T, R]])
-        out[unit.name] = relative_pose(base.calibration.sensors, unit.calibration.sensors, covariance)
-    return out
-
-
-def _odds(share: Array) -> float:
-    """Return share / (1 - share), of the mean over both kinds of sensors."""
-    own = float(np.mean(share))
-    return own / max(1.0 - own, 1e-9)

@@ -43,6 +43,8 @@ class TrayOutcome:
     ----------
     poses
         Where the units lie against the first one, by name.
+    covariance : (6 k, 6 k)
+        Of all k places, one after the other.
     gain : (2,)
         How many equal units have the noise of the mean, of gyros and accelerometers.
     """
@@ -52,6 +54,7 @@ class TrayOutcome:
     units: tuple[UnitOutcome, ...]
     left_out: tuple[tuple[str, str], ...]
     poses: dict[str, RelativePose]
+    covariance: Array
     gain: Array
 
     @property
@@ -70,6 +73,12 @@ class TrayOutcome:
         first = {unit.name: unit.calibration.recording for unit in self.units}
         begin, own = ((0 if one is None else one.begin_ns or 0) for one in (first[self.reference], first[name]))
         return clock_document(self.clocks[name], begin, own)
+
+    @property
+    def place_names(self) -> list[str]:
+        """What the rows of the covariance are of."""
+        parts = [f"{what}.{axis}" for what in ("position", "rotation") for axis in "xyz"]
+        return [f"{name}.{part}" for name in self.poses for part in parts]
 
     @property
     def array_document(self) -> dict[str, object]:

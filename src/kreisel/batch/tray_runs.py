@@ -84,7 +84,14 @@ def write_tray_results(outcome: TrayOutcome, folder: Path) -> None:
         write_report(outcome.mean, writing / "report.html")
     with replaced_together(folder, TRAY_FILES) as writing:
         write_document(outcome.array_document, writing / "array.yaml")
+        _write_covariance(outcome, writing / "covariance.csv")
         write_tray(outcome, writing / "report.html")
+
+
+def _write_covariance(outcome: TrayOutcome, path: Path) -> None:
+    """Write the covariance of all places, m and rad, with a name at the head of each column."""
+    rows = [",".join(f"{value:.9g}" for value in row) for row in outcome.covariance]
+    path.write_text("\n".join([",".join(outcome.place_names), *rows, ""]), encoding="utf-8")
 
 
 def runs_of_tray(outcome: TrayOutcome, job: Job) -> list[Run]:
