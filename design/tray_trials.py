@@ -59,18 +59,19 @@ def main() -> None:
             print(f"{seed}: {error}", flush=True)
             continue
         seconds = time.perf_counter() - began
-        turned = [unit.name for unit in outcome.units if unit.turn is not None]
-        named += "imu1" in turned
-        accused += len([name for name in turned if not (given.loose and name == "imu1")])
+        common = len(outcome.mean.verdict.reasons)
+        rejected = [unit.name for unit in outcome.units if len(unit.calibration.verdict.reasons) > common]
+        named += "imu1" in rejected
+        accused += len([name for name in rejected if not (given.loose and name == "imu1")])
         if outcome.mean.verdict.accepted:
             used += 1
-            _add(squares, deviations, outcome, {name: truth.sensors for name, (truth, _) in made.items()}, turned)
+            _add(squares, deviations, outcome, {name: truth.sensors for name, (truth, _) in made.items()}, rejected)
             if given.alone:
                 alone = run_calibration(made["imu0"][1], CalibrationSettings()).calibration
                 _of_unit(squares, deviations, "alone: ", alone, made["imu0"][0].sensors)
         print(
             f"{seed}: {seconds:.0f} s, mean {outcome.mean.verdict.headline.lower()}"
-            f" {'; '.join(outcome.mean.verdict.reasons)}, turned {turned}", flush=True
+            f" {'; '.join(outcome.mean.verdict.reasons)}, rejected {rejected}", flush=True
         )  # fmt: skip
     print(f"{used} of {given.trays} used; unit 1 named {named}, others accused {accused}")
     for name, values in squares.items():
@@ -93,14 +94,14 @@ def _cell(seed: int, given: argparse.Namespace) -> Cell:
 
 def _add(
     squares: dict[str, list[float]], deviations: dict[str, list[float]], outcome: TrayOutcome,
-    truth: dict[str, SensorParameters], turned: list[str],
+    truth: dict[str, SensorParameters], rejected: list[str],
 ) -> None:  # fmt: skip
     for unit in outcome.units:
-        if unit.name not in turned:
+        if unit.name not in rejected:
             _of_unit(squares, deviations, "", unit.calibration, truth[unit.name])
     base = linearised(truth[outcome.reference], "imu")
     for name, pose in outcome.poses.items():
-        if name in turned:
+        if name in rejected:
             continue
         own = linearised(truth[name], "imu")
         C = base.rotation.T @ own.rotation
