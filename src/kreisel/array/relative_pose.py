@@ -79,15 +79,3 @@ def pose_derivatives(reference: SensorParameters, own: SensorParameters) -> tupl
     J[3:, :33] = -base.J_mounting[:3]
     J[3:, 33:] = C @ unit.J_mounting[:3]
     return p, C, J
-
-
-def relative_pose(reference: SensorParameters, own: SensorParameters, covariance: Array) -> RelativePose:
-    """Return where a unit lies against the reference unit.
-
-    Parameters
-    ----------
-    covariance : (66, 66)
-        Of the parameters `device_axes.NAMES` of the reference unit, and of the unit.
-    """
-    p, C, J = pose_derivatives(reference, own)
-    return RelativePose(p, C, J @ covariance @ J.T)

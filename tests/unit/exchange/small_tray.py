@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.array.array_file import FILE, SCHEMA
-from kreisel.array.relative_pose import relative_pose
+from kreisel.array.relative_pose import RelativePose, pose_derivatives
 from kreisel.calibration.result import Calibration, write_document
 from kreisel.calibration.result_sections import Verdict
 from kreisel.inertial.sensor_model import SensorParameters
@@ -35,7 +35,8 @@ def rejected(one: Calibration, reason: str) -> Calibration:
 
 def placed(base: SensorParameters, own: SensorParameters) -> dict[str, object]:
     """Return what `array.yaml` says of a unit."""
-    return {**relative_pose(base, own, 1e-8 * np.eye(66)).document, "clock": dict(CLOCK)}
+    position, rotation, J = pose_derivatives(base, own)
+    return {**RelativePose(position, rotation, 1e-8 * J @ J.T).document, "clock": dict(CLOCK)}
 
 
 def write_tray(folder: Path, tray: dict[str, Calibration], places: dict[str, dict[str, object]] | None = None) -> Path:
