@@ -23,8 +23,9 @@ hand."""
 
 _PRIORS = {"position": 1.0, "turn": 1e-2, "arm": 1e-3, "matrix": 2e-3, "offset": 5e-2, "lag": 5e-3, "smoothing": 3e-5}
 """Standard deviations: position (m), turn against the first estimate (rad), position of one accelerometer against that
-of its IMU (m), matrix, offset beside that at the standstills and half its drift (m/s^2), lag of accelerometers behind
-gyros (s), smoothing beyond the gyros' (s^2). The offset's: 5 mg, by which inexpensive units drift when they warm up."""
+of its IMU (m), matrix, change of the offset since the standstills and half its drift (m/s^2), delay of the
+accelerometers against the gyros (s), smoothing beyond the gyros' (s^2). The offset's: 5 mg, by which inexpensive units
+drift when they warm up."""
 
 _PASSES, _ROBUST = 12, 3
 """Passes, and the one from which samples count by Student's distribution."""

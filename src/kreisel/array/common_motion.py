@@ -100,7 +100,7 @@ class MeanMotion:
         return cls(width, *(averaged(part, width) for part in whole))
 
     def joined(self, count: int) -> MeanMotion:
-        """Return means over so many rows."""
+        """Return the means of groups of `count` rows."""
         whole = (getattr(self, part.name) for part in fields(self) if part.name != "width")
         return MeanMotion(self.width * count, *(averaged(part, count) for part in whole))
 

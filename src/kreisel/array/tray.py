@@ -395,23 +395,23 @@ def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, *, sure: bool)
     odd
         By how much its differences from the common motion exceed its noise, where the mean is better without it.
     sure
-        Whether it can be told that it was this unit that turned.
+        Whether it was this unit that turned, and not the other one.
     """
     verdict = mean.verdict
-    if turn is None and odd is None:
-        return verdict
-    sensors = dict.fromkeys(verdict.sensors, "rejected")
-    if turn is None:
+    if turn is not None:
+        angle = 1e3 * float(np.linalg.norm(turn.angle))
+        when = f"{turn.seconds:.0f} s after the beginning"
+        reason = (
+            f"it turned on its mount by {angle:.2g} mrad, {when}; fasten it"
+            if sure
+            else f"it or the other unit turned on its mount, by {2.0 * angle:.2g} mrad, {when}; fasten both"
+        )
+    elif odd is not None:
         reason = (
             f"its readings differ from the motion of the other units by {odd:.2g} times what its noise explains; check "
             "its mount, its clock and its connection"
         )
-        return replace(verdict, accepted=False, reasons=(*verdict.reasons, reason), sensors=sensors)
-    angle = 1e3 * float(np.linalg.norm(turn.angle))
-    when = f"{turn.seconds:.0f} s after the beginning"
-    reason = (
-        f"it turned on its mount by {angle:.2g} mrad, {when}; fasten it"
-        if sure
-        else f"it or the other unit turned on its mount, by {2.0 * angle:.2g} mrad, {when}; fasten both"
-    )
+    else:
+        return verdict
+    sensors = dict.fromkeys(verdict.sensors, "rejected")
     return replace(verdict, accepted=False, reasons=(*verdict.reasons, reason), sensors=sensors)

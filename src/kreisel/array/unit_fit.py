@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -224,15 +225,15 @@ class _Layout:
         """Return where the effects of a sensor begin."""
         return 33 + (0 if sensor == "gyroscope" else sum(self.sizes[g] for g in groups_of(self.sizes, "gyroscope")))
 
-    def places_of_group(self, group: str) -> Indices:
-        """Return where the parameters of an effect stand."""
-        at = 33
+    @cached_property
+    def places(self) -> dict[str, Indices]:
+        """Where the parameters of each effect stand."""
+        out, at = {}, 33
         for sensor in ("gyroscope", "accelerometer"):
-            for own in groups_of(self.sizes, sensor):
-                if own == group:
-                    return np.arange(at, at + self.sizes[own])
-                at += self.sizes[own]
-        return np.zeros(0, dtype=np.int64)
+            for group in groups_of(self.sizes, sensor):
+                out[group] = np.arange(at, at + self.sizes[group])
+                at += self.sizes[group]
+        return out
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -256,15 +257,6 @@ class _Layout:
             parts[-1][: stored.size] = stored
         return np.concatenate(parts)
 
-    def effects_of(self, change: Array) -> dict[str, Array]:
-        """Return changes of the effects by group."""
-        out, at = {}, 33
-        for sensor in ("gyroscope", "accelerometer"):
-            for group in groups_of(self.sizes, sensor):
-                out[group] = change[at : at + self.sizes[group]]
-                at += self.sizes[group]
-        return out
-
     def moved(self, p: SensorParameters, change: Array) -> SensorParameters:
         """Return parameters moved by changes of what readings are linear in."""
         G, S = _inverse(p.K_omega), _inverse(p.K_a)
@@ -272,7 +264,8 @@ class _Layout:
         k_w, k_a, others = p.k_w.copy(), p.k_a.copy(), dict(p.others)
         k_w[0] += gyro[:, 3]
         k_a[0] += accel[:, 3]
-        for group, step in self.effects_of(change).items():
+        for group, own in self.places.items():
+            step = change[own]
             if group == "gyro_polynomial":
                 k_w[1:] += step.reshape(-1, 3)
             elif group == "accel_polynomial":
@@ -341,7 +334,7 @@ def _shown(
     except EstimationError:
         return ()
     target = solved.information @ solved.change
-    places = {group: wide.places_of_group(group) for group in more}
+    places = {group: wide.places[group] for group in more}
     base = np.setdiff1d(np.arange(wide.count), np.concatenate(list(places.values())))
 
     def fitted(used: Indices) -> tuple[Array, Array]:
