@@ -7,7 +7,7 @@ all units; each of them costs a linear fit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -92,36 +92,55 @@ def calibrate_tray(
     mean = run(tray.mean_recording(), settings)
     turned: dict[str, Turn] = {}
     odd: dict[str, float] = {}
+    unlike: set[str] = set()
     while True:
         found = _fitted(tray, mean, progress, executor)
-        more = _with_shown(settings, [fit for name, fit in found.fits.items() if name in tray.in_mean])
+        apart = unlike.union(turned, odd)
+        more = _with_shown(settings, [fit for name, fit in found.fits.items() if name not in apart])
         if more is not None:
             other = run(tray.mean_recording(), more)
-            settings = more
             if other.verdict.accepted or not mean.verdict.accepted:
-                mean = other
+                settings, mean = more, other
                 continue
         out = _odd_one(tray, found, turned)
-        if out is None:
-            break
         if out in found.turns:
             turned[out] = found.turns[out]
-        else:
+        elif out is not None:
             odd[out] = found.misfits[out]
+        elif more is not None and len(tray.in_mean) >= MIN_UNITS:
+            out = _clearest(tray, found, settings.fixed)
+            unlike.add(out)
+        else:
+            break
         tray.take_out(out)
         mean = run(tray.mean_recording(), settings)
     odd = {name: found.misfits.get(name, own) for name, own in odd.items()}
-    return _outcome(tray, mean, found, turned, odd, executor)
+    return _outcome(tray, mean, found, turned, odd, settings.fixed, executor)
 
 
 def _with_shown(settings: CalibrationSettings, fits: Iterable[UnitFit]) -> CalibrationSettings | None:
-    """Return settings that estimate the effects that units show; None if there are no others."""
-    shown = {group for fit in fits for group in fit.shown}
+    """Return settings that estimate the effects that units show and may have; None if there are no others."""
+    shown = {group for fit in fits for group in _not_fixed(fit, settings.fixed)}
     order = 3 if any(group.endswith("polynomial") for group in shown) else settings.polynomial_order
     estimated = [group for group in BY_CHOICE if group in shown and group not in settings.estimated]
     if order == settings.polynomial_order and not estimated:
         return None
     return replace(settings, polynomial_order=order, estimated=(*settings.estimated, *estimated))
+
+
+def _clearest(tray: _Tray, found: _Fitted, fixed: Collection[str]) -> str:
+    """Return the unit of the mean that shows an effect most clearly; the others show what of it is in the mean."""
+    weights = {
+        name: max(_not_fixed(found.fits[name], fixed).values(), default=0.0)
+        for name in tray.in_mean
+        if name in found.fits
+    }
+    return max(weights, key=lambda name: weights[name])
+
+
+def _not_fixed(fit: UnitFit, fixed: Collection[str]) -> dict[str, float]:
+    """Return the effects that a unit shows and that may be estimated, with their weights."""
+    return {group: weight for group, weight in fit.shown.items() if group not in fixed}
 
 
 def _odd_one(tray: _Tray, found: _Fitted, turned: Mapping[str, Turn]) -> str | None:
@@ -357,7 +376,13 @@ def _start(mean: SensorParameters, aligned: Aligned) -> SensorParameters:
 
 
 def _outcome(
-    tray: _Tray, mean: Outcome, found: _Fitted, turned: dict[str, Turn], odd: dict[str, float], executor: Executor
+    tray: _Tray,
+    mean: Outcome,
+    found: _Fitted,
+    turned: dict[str, Turn],
+    odd: dict[str, float],
+    fixed: Collection[str],
+    executor: Executor,
 ) -> TrayOutcome:
     """Return calibrations and relative poses of all units.
 
@@ -376,7 +401,7 @@ def _outcome(
     def concluded(name: str) -> UnitOutcome:
         fit, own, turn = found.fits[name], tray.recording(name), turns.get(name)
         spread = spread_of(fit, mean.calibration, seconds)
-        verdict = _verdict(mean, turn, odd.get(name), sure=name in turned)
+        verdict = _verdict(mean, turn, odd.get(name), _not_fixed(fit, fixed), sure=name in turned)
         calibration = unit_calibration(fit, mean.calibration, own, spread, verdict, own.warnings, clock)
         return UnitOutcome(name, calibration, fit, shares[name], turn)
 
@@ -387,13 +412,15 @@ def _outcome(
     return TrayOutcome(tray.base, mean, tuple(units), left_out, poses, covariance, tray.gain)
 
 
-def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, *, sure: bool) -> Verdict:
-    """Return the verdict of a unit: that of the mean, and against a unit that turned, or does not fit the others.
+def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, shown: Collection[str], *, sure: bool) -> Verdict:
+    """Return the verdict of a unit: that of the mean, and against one that turned, does not fit, or shows an effect.
 
     Parameters
     ----------
     odd
         By how much its differences from the common motion exceed its noise, where the mean is better without it.
+    shown
+        Effects that its readings show and that are not estimated: with them, the mean's calibration is rejected.
     sure
         Whether it was this unit that turned, and not the other one.
     """
@@ -410,6 +437,11 @@ def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, *, sure: bool)
         reason = (
             f"its readings differ from the motion of the other units by {odd:.2g} times what its noise explains; check "
             "its mount, its clock and its connection"
+        )
+    elif shown:
+        reason = (
+            f"its readings show {' and '.join(shown)}, with which the calibration of the mean is rejected; calibrate "
+            "it alone with --imu"
         )
     else:
         return verdict

@@ -5,7 +5,7 @@ The mean of a tray shows an effect of one unit among sixteen at a sixteenth of i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -25,19 +25,16 @@ _MOST = 4
 """Effects of one unit that are added at most. Chosen: no device in the robustness study has more."""
 
 
-def candidates(estimated: Collection[str]) -> dict[str, int]:
-    """Return the effects that may be found beyond those that are estimated, with their numbers of parameters."""
-    return {
-        group: size
-        for group, size in _CANDIDATES.items()
-        if group not in estimated and _PARTS_OF.get(group) not in estimated
-    }
+def candidates(estimated: Mapping[str, int]) -> dict[str, int]:
+    """Return the effects that may be found, with their numbers of parameters beyond those that are estimated."""
+    more = {group: size - estimated.get(group, 0) for group, size in _CANDIDATES.items()}
+    return {group: size for group, size in more.items() if size > 0 and _PARTS_OF.get(group) not in estimated}
 
 
 def shown_effects(
     fitted: Callable[[Indices], tuple[Array, Array]], base: Indices, places: Mapping[str, Indices]
-) -> tuple[str, ...]:
-    """Return the effects that data show, the clearest first.
+) -> dict[str, float]:
+    """Return the effects that data show, the clearest first, and the chi-square of each over its `limit`.
 
     Parameters
     ----------
@@ -48,7 +45,7 @@ def shown_effects(
     places
         Of the parameters of each effect that may be added.
     """
-    found: list[str] = []
+    found: dict[str, float] = {}
     while len(found) < _MOST:
         known = np.concatenate([base, *(places[group] for group in found)])
         weights = {}
@@ -60,8 +57,8 @@ def shown_effects(
         best = max(weights, key=lambda group: weights[group], default=None)
         if best is None or weights[best] < 1.0:
             break
-        found.append(best)
-    return tuple(found)
+        found[best] = weights[best]
+    return found
 
 
 def limit(degrees: int) -> float:

@@ -74,7 +74,7 @@ class UnitFit:
     parts
         Rows in parts, for tests of their constancy.
     shown
-        Effects that the readings show beyond those that were estimated.
+        Effects that the readings show beyond those that were estimated, and by how much; see `shown_effects`.
     """
 
     sensors: SensorParameters
@@ -85,7 +85,7 @@ class UnitFit:
     noise: Array
     excess: Array
     parts: RowParts
-    shown: tuple[str, ...]
+    shown: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -317,10 +317,10 @@ def _features(
 
 def _shown(
     raw: Array, whole: Mask, mean: MeanMotion, p: SensorParameters, layout: _Layout
-) -> tuple[str, ...]:  # fmt: skip
+) -> dict[str, float]:  # fmt: skip
     """Return the effects that a unit's readings show beyond those of the layout; features are of mean readings."""
     more = candidates(layout.sizes)
-    wide = _Layout.of({**layout.sizes, **more})
+    wide = _Layout.of({**layout.sizes, **{group: layout.sizes.get(group, 0) + size for group, size in more.items()}})
     cubics = local_cubics(mean.seconds, mean.row)
     G, S = _inverse(p.K_omega), _inverse(p.K_a)
     readings = RawReadings(
@@ -332,9 +332,9 @@ def _shown(
     try:
         solved = _solve(_rows(raw, features, mean, p, wide), whole, wide.count)
     except EstimationError:
-        return ()
+        return {}
     target = solved.information @ solved.change
-    places = {group: wide.places[group] for group in more}
+    places = {group: wide.places[group][-size:] for group, size in more.items()}
     base = np.setdiff1d(np.arange(wide.count), np.concatenate(list(places.values())))
 
     def fitted(used: Indices) -> tuple[Array, Array]:
