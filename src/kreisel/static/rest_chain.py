@@ -7,7 +7,7 @@ for several sets of weights at once, since the noise figures are found by compar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -75,6 +75,22 @@ class Solution:
         return np.stack(out[::-1], axis=1)
 
 
+@dataclass(frozen=True)
+class _Normal:
+    """Normal equations for S sets of weights: of the parameters, of nodes, between them, and with those after them."""
+
+    A: Array
+    a: Array
+    B: Array
+    D: Array
+    d: Array
+    X: Array
+    likelihood: Array
+
+    def __add__(self, other: _Normal) -> _Normal:
+        return _Normal(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
+
+
 def solve(
     equations: Sequence[Equations],
     weights: Sequence[Array],
@@ -86,23 +102,49 @@ def solve(
     Parameters
     ----------
     weights : (S, k, 3) for each kind
-        Inverse variances of the rows.
-    of_nodes : (S, M, NODE, NODE)
+        Inverse variances of the rows; (1, k, 3) where all sets have the same.
+    of_nodes : (M, NODE, NODE)
         Information about each standstill's unknowns before, about zero change.
-    of_parameters : (S, P, P), (S, P)
+    of_parameters : (P, P), (P,)
         Information about the parameters before, and times the change that it expects.
     """
-    A, a = (np.array(part, dtype=float) for part in of_parameters)
-    D = of_nodes.copy()
-    S, M, P = D.shape[0], D.shape[1], A.shape[1]
-    X, B, d = np.zeros((S, M, NODE, NODE)), np.zeros((S, M, NODE, P)), np.zeros((S, M, NODE))
-    likelihood = np.zeros(S)
-    for one, W in zip(equations, weights, strict=True):
+    size = (len(of_nodes), len(of_parameters[1]))
+    pairs = list(zip(equations, weights, strict=True))
+    whole = _normal([(one, W) for one, W in pairs if len(W) == 1], 1, *size)
+    S = max(len(W) for W in weights)
+    if S > 1:  # those of rows with the same weights in all sets were needed once
+        whole += _normal([(one, W) for one, W in pairs if len(W) == S], S, *size)
+    A, a, likelihood = whole.A + of_parameters[0], whole.a + of_parameters[1], whole.likelihood
+    upper, left, right = [], [], []
+    for m in range(size[0]):
+        D = whole.D[:, m] + of_nodes[m]
+        own = np.concatenate([whole.X[:, m], whole.B[:, m], whole.d[:, m, :, None]], axis=2)
+        if m:
+            own[..., NODE:] -= before @ found[..., NODE:]
+            D = D - before @ found[..., :NODE]
+        found, before = np.linalg.solve(D, own), np.swapaxes(whole.X[:, m], 1, 2)
+        likelihood = likelihood - 0.5 * np.linalg.slogdet(D)[1]
+        likelihood = likelihood + 0.5 * np.einsum("sa,sa->s", own[..., -1], found[..., -1])
+        upper.append((found[..., :NODE], found[..., NODE:-1], found[..., -1]))
+        left.append(own[..., NODE:-1])
+        right.append(found[..., NODE:])
+    common = np.swapaxes(np.concatenate(left, axis=1), 1, 2) @ np.concatenate(right, axis=1)
+    A, a = A - common[..., :-1], a - common[..., -1]
+    x = np.linalg.solve(A, a[..., None])[..., 0]
+    likelihood = likelihood + 0.5 * np.einsum("sp,sp->s", a, x) - 0.5 * np.linalg.slogdet(A)[1]
+    return Solution(x, A, likelihood, tuple(upper))
+
+
+def _normal(pairs: Sequence[tuple[Equations, Array]], S: int, M: int, P: int) -> _Normal:
+    """Return the normal equations of rows with their weights (S, k, 3)."""
+    A, a, likelihood = np.zeros((S, P, P)), np.zeros((S, P)), np.zeros(S)
+    D, X = np.zeros((2, S, M, NODE, NODE))
+    B, d = np.zeros((S, M, NODE, P)), np.zeros((S, M, NODE))
+    for one, W in pairs:
         at, J, Jp, r = one.node, one.of_node, one.of_parameters, one.residual
-        k, P = Jp.shape[0], Jp.shape[2]
         WJp, WJ, Wr = W[..., None] * Jp, W[..., None] * J, W * r
-        rows = WJp.reshape(S, 3 * k, P)
-        A += np.swapaxes(rows, 1, 2) @ Jp.reshape(3 * k, P)
+        rows = WJp.reshape(S, -1, P)
+        A += np.swapaxes(rows, 1, 2) @ Jp.reshape(-1, P)
         a -= r.reshape(-1) @ rows
         across = np.swapaxes(J, 1, 2)
         D[:, at] += across @ WJ
@@ -115,22 +157,4 @@ def solve(
             d[:, at + 1] -= (N @ Wr[..., None])[..., 0]
             X[:, at] += np.swapaxes(WJ, 2, 3) @ one.of_next
         likelihood += 0.5 * np.log(W).sum(axis=(1, 2)) - 0.5 * (Wr.reshape(S, -1) @ r.reshape(-1))
-    upper = []
-    for m in range(M):
-        right = np.concatenate([X[:, m], B[:, m], d[:, m, :, None]], axis=2)
-        found = np.linalg.solve(D[:, m], right)
-        likelihood -= 0.5 * np.linalg.slogdet(D[:, m])[1]
-        of_next, of_common, own = found[..., :NODE], found[..., NODE:-1], found[..., -1]
-        if m + 1 < M:
-            onward = np.swapaxes(X[:, m], 1, 2)
-            D[:, m + 1] -= onward @ of_next
-            B[:, m + 1] -= onward @ of_common
-            d[:, m + 1] -= (onward @ own[..., None])[..., 0]
-        common = np.swapaxes(B[:, m], 1, 2)
-        A -= common @ of_common
-        a -= (common @ own[..., None])[..., 0]
-        likelihood += 0.5 * np.einsum("sa,sa->s", d[:, m], own)
-        upper.append((of_next, of_common, own))
-    x = np.linalg.solve(A, a[..., None])[..., 0]
-    likelihood += 0.5 * np.einsum("sp,sp->s", a, x) - 0.5 * np.linalg.slogdet(A)[1]
-    return Solution(x, A, likelihood, tuple(upper))
+    return _Normal(A, a, B, D, d, X, likelihood)

@@ -93,12 +93,13 @@ class Weighing:
         return np.array(hidden)
 
     def variances(self, figures: Array) -> list[Array]:
-        """Return the variances of the rows, (S, k, 3) for each kind, by noise figures (S, K)."""
-        out = [
-            white + figures[:, k, None, None] ** 2 * share
-            for k, (white, share) in enumerate(zip(self.white, self.share, strict=True))
-        ]
-        out[_TURN] = out[_TURN] + figures[:, _RATE, None, None] ** 2 * self.wandering
+        """Return the variances of the rows, (S, k, 3) for each kind, by noise figures (S, K).
+
+        They are (1, k, 3) where the figures of a kind are the same in all sets.
+        """
+        squares = [np.square(own if np.ptp(own) > 0.0 else own[:1])[:, None, None] for own in figures.T]
+        out = [white + square * share for white, square, share in zip(self.white, squares, self.share, strict=False)]
+        out[_TURN] = out[_TURN] + squares[_RATE] * self.wandering
         return out
 
 
@@ -128,14 +129,8 @@ def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array]
 def solution(problem: RestProblem, linear: Linear, how: Weighing, figures: Array, about: Array) -> Solution:
     """Return the solutions for noise figures (S, K); about: change (P,) from the parameters to their prior."""
     weights = [1.0 / variance for variance in how.variances(figures)]
-    S = len(figures)
     prior = np.diag(1.0 / problem.width**2)
-    return solve(
-        linear.all,
-        weights,
-        np.broadcast_to(_of_nodes(problem, linear, how), (S, problem.rests.count, NODE, NODE)),
-        (np.broadcast_to(prior, (S, *prior.shape)), np.broadcast_to(prior @ about, (S, len(about)))),
-    )
+    return solve(linear.all, weights, _of_nodes(problem, linear, how), (prior, prior @ about))
 
 
 def _of_nodes(problem: RestProblem, linear: Linear, how: Weighing) -> Array:

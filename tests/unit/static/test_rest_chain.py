@@ -39,9 +39,7 @@ def test_the_chain_is_the_dense_system():
     equations, nodes, (prior, expected), _, (J, r, before) = chain(rng)
     M, P = 5, 4
     weights = [rng.uniform(0.5, 2.0, (2, M, 3)), rng.uniform(0.5, 2.0, (2, 3, 3))]
-    found = solve(
-        equations, weights, np.stack([nodes, nodes]), (np.stack([prior, prior]), np.stack([expected, expected]))
-    )
+    found = solve(equations, weights, nodes, (prior, expected))
     for s in range(2):
         W = np.diag(np.concatenate([weights[0][s].ravel(), weights[1][s].ravel()]))
         H = J.T @ W @ J + before
@@ -57,9 +55,7 @@ def test_the_evidence_is_that_of_a_normal_density():
     equations, nodes, (prior, expected), about, (J, r, before) = chain(rng)
     M = 5
     weights = [rng.uniform(0.5, 2.0, (2, M, 3)), rng.uniform(0.5, 2.0, (2, 3, 3))]
-    found = solve(
-        equations, weights, np.stack([nodes, nodes]), (np.stack([prior, prior]), np.stack([expected, expected]))
-    )
+    found = solve(equations, weights, nodes, (prior, expected))
     densities = []
     for s in range(2):
         W = np.diag(np.concatenate([weights[0][s].ravel(), weights[1][s].ravel()]))
