@@ -116,12 +116,11 @@ def solve(
         whole += _normal([(one, W) for one, W in pairs if len(W) == S], S, *size)
     A, a, likelihood = whole.A + of_parameters[0], whole.a + of_parameters[1], whole.likelihood
     upper, left, right = [], [], []
+    before, found = np.zeros((1, NODE, NODE)), np.zeros((1, NODE, NODE + size[1] + 1))
     for m in range(size[0]):
-        D = whole.D[:, m] + of_nodes[m]
+        D = whole.D[:, m] + of_nodes[m] - before @ found[..., :NODE]
         own = np.concatenate([whole.X[:, m], whole.B[:, m], whole.d[:, m, :, None]], axis=2)
-        if m:
-            own[..., NODE:] -= before @ found[..., NODE:]
-            D = D - before @ found[..., :NODE]
+        own[..., NODE:] -= before @ found[..., NODE:]
         found, before = np.linalg.solve(D, own), np.swapaxes(whole.X[:, m], 1, 2)
         likelihood = likelihood - 0.5 * np.linalg.slogdet(D)[1]
         likelihood = likelihood + 0.5 * np.einsum("sa,sa->s", own[..., -1], found[..., -1])
