@@ -17,11 +17,13 @@ demo: $(VENV)/.ready
 # What fails is run once more by itself: live tests fail where other work, or another user of the machine, stops a
 # process for a second. A fault fails again, and the first failure stays on the screen.
 WORKERS ?= 4
-PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+# Bytecode is kept: each command that a test starts would compile 200 modules otherwise.
+PYTEST := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 SPREAD := -n $(WORKERS) --dist worksteal
 AGAIN := --last-failed --last-failed-no-failures none
 
-# What to run before each commit; test-all also runs the studies and long scenarios, which are marked slow.
+# What to run before each commit, and what CI runs; test-all, before a release, also runs what is marked slow: studies,
+# long scenarios, and further cases of what a quick test shows.
 test: $(VENV)/.ready-dev
 	$(PYTEST) $(SPREAD) -m "not slow" || $(PYTEST) $(AGAIN) -m "not slow"
 

@@ -91,7 +91,13 @@ def test_an_mpu_9150_turned_by_hand():
     assert np.abs(score).max() < 3.0
 
 
-@pytest.mark.parametrize("name", ["sim_fog_mems_300s", "sim_inaccurate_robot_300s", "sim_turned_drifting_120s"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "sim_inaccurate_robot_300s",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("sim_fog_mems_300s", "sim_turned_drifting_120s")),
+    ],
+)
 def test_recordings_of_another_simulator_without_their_poses(recordings, name):
     """A robot moved these devices; the truth is known, and the standstills between the moves suffice."""
     truth = json.loads((recordings / name / "truth.json").read_text())

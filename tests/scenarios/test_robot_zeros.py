@@ -48,7 +48,7 @@ def by_poses(off):
     return run_calibration(replace(off[1], joints=None), CalibrationSettings())
 
 
-@pytest.mark.parametrize("which", ["by_angles", "by_poses"])
+@pytest.mark.parametrize("which", ["by_angles", pytest.param("by_poses", marks=pytest.mark.slow)])
 def test_zeros_are_found(which, off, request):
     outcome = request.getfixturevalue(which)
     assert outcome.verdict.accepted, outcome.verdict.reasons
@@ -74,6 +74,7 @@ def test_the_description_has_them(by_angles, off):
     assert np.abs(again - p).max() < 0.05 * np.abs(nominal - p).max()
 
 
+@pytest.mark.slow
 def test_a_faultless_arm_has_none():
     _, recording = recorded(0.0)
     outcome = run_calibration(replace(recording, joints=None), CalibrationSettings())

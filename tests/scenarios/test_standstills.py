@@ -25,7 +25,7 @@ def scores(truth, found):
     return np.concatenate(parts)
 
 
-@pytest.mark.parametrize("grade", ["consumer-mems", "fog-mems"])
+@pytest.mark.parametrize("grade", ["consumer-mems", pytest.param("fog-mems", marks=pytest.mark.slow)])
 def test_deviations_hold(grade):
     found = []
     for seed in range(3):
@@ -41,7 +41,9 @@ def test_deviations_hold(grade):
     assert 0.5 < np.sqrt(np.mean(found**2)) < 1.4
 
 
-@pytest.mark.parametrize("laid", ["faces", "whole turns", "turntable"])
+@pytest.mark.parametrize(
+    "laid", ["faces", *(pytest.param(laid, marks=pytest.mark.slow) for laid in ("whole turns", "turntable"))]
+)
 def test_deviations_hold_for_what_else_is_known(laid):
     found = []
     for seed in range(3):
@@ -66,6 +68,7 @@ def test_a_turntables_clock_is_that_by_which_most_of_its_turns_agree():
     assert np.abs(scores(truth, found)).max() < 4.0
 
 
+@pytest.mark.slow
 def test_offsets_that_wander_during_long_turns_are_errors_of_these_turns():
     """Flicker noise of 20 deg/h for half a minute is more than any error of the encoder."""
     name = "turntable, level axis"

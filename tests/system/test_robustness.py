@@ -37,7 +37,6 @@ def test_recordings_are_written_instead(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
 def test_errors_that_are_on_no_list(tmp_path):
     """Ten that nobody has looked at; half a minute each, so that few are observable well."""
     done = command("--random", 10, "--first", 101, "-o", tmp_path / "out", "--json")

@@ -48,7 +48,7 @@ def test_what_a_count_is_is_found(zero):
     assert in_quantities(recording.imu, GRAVITY)[1] is None
 
 
-@pytest.mark.parametrize("zero", [0.0, 32768.0])
+@pytest.mark.parametrize("zero", [0.0, pytest.param(32768.0, marks=pytest.mark.slow)])
 def test_the_calibration_of_counts_is_that_of_the_quantities(zero, tmp_path):
     recording, raw = counted(zero)
     plain, found = (calibrate_static(check_streams(one)).calibration for one in (recording, raw))

@@ -44,6 +44,7 @@ def test_effects_that_the_program_may_estimate_have_their_names():
     } <= named  # fmt: skip
 
 
+@pytest.mark.slow
 def test_two_situations_run(tmp_path):
     everything = situations(30.0)
     clean = next(i for i, s in enumerate(everything) if s.key == "clean, fog-mems, joints")
