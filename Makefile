@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 REFEREES := allantools==2024.6 fastcrc==0.5.0 imucal==2.6.0 lxml==6.1.3 pymavlink==2.4.50
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-all lint site clean
+.PHONY: demo test test-all lint site gallery api notebooks clean
 
 demo: $(VENV)/.ready
 	$(BIN)/kreisel demo -o demo
@@ -36,10 +36,15 @@ lint: $(VENV)/.ready-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# The documentation site, site/index.html: pages, notebooks, API reference, and a gallery made by the commands themselves.
-# Simulated devices need not be within limits: the exit status is then 3 or 4.
-site: $(VENV)/.ready-dev
-	rm -rf build/gallery build/pictures build/api build/notebooks site
+# The documentation site, site/index.html. `make -j2 site` makes its parts at the same time.
+site: gallery api notebooks
+	rm -rf site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+# Results and pictures, made by the commands themselves. Simulated devices need not be within limits: the exit status is
+# then 3 or 4.
+gallery: $(VENV)/.ready-dev
+	rm -rf build/gallery build/pictures
 	mkdir -p build/gallery
 	$(BIN)/kreisel demo -o build/gallery/demo --seconds 120 >/dev/null
 	$(BIN)/kreisel static build/gallery/demo/iNAV-FMS/recording -o build/gallery/static >/dev/null || [ $$? -ge 3 ]
@@ -54,11 +59,16 @@ site: $(VENV)/.ready-dev
 	$(BIN)/python design/tour.py build/pictures
 	$(BIN)/python design/explanatory_pictures.py build/pictures
 	$(BIN)/python design/gallery_pictures.py build/gallery build/pictures
+
+api: $(VENV)/.ready-dev
+	rm -rf build/api
 	$(BIN)/python design/api_pages.py build/api
+
+notebooks: $(VENV)/.ready-dev
+	rm -rf build/notebooks
 	mkdir -p build/notebooks
 	cp docs/notebooks/*.ipynb build/notebooks
 	OPENBLAS_NUM_THREADS=1 $(BIN)/jupyter-execute --NbClientApp.log_level=ERROR --inplace build/notebooks/*.ipynb
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 $(VENV)/.ready: requirements.txt pyproject.toml hatch_build.py $(wildcard src/kernels/*)
 	$(PYTHON) -m venv $(VENV)

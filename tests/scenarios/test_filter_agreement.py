@@ -38,7 +38,7 @@ def book(case, weights, order=None):
     )
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("weights", ["central-difference", "unscented"])
 def test_engine_and_book_agree(seed, weights):
     """Same readings, same prior: the book redraws its points before the update and keeps covariances.

@@ -65,7 +65,14 @@ def test_turned_and_drifting(recordings):
         assert np.abs(error / sd).max() < 4.0, group
 
 
-@pytest.mark.parametrize("name", ["abb_mpu9150_300mms_path3", "abb_lsm9ds0_300mms_path3", "abb_mpu9150_500mms_path4"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("abb_mpu9150_300mms_path3", marks=pytest.mark.slow),
+        "abb_lsm9ds0_300mms_path3",
+        "abb_mpu9150_500mms_path4",
+    ],
+)
 def test_real_robot(recordings, name):
     """The README's figures, of which those found with the arm's joint errors, or three deviations where that is more.
 

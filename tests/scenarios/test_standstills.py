@@ -124,6 +124,7 @@ def test_samples_lost_without_a_gap_are_said_and_widen_the_gyro_scale():
     assert lost_share(whole.imu, find_rests(whole.imu)) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_without_gyros_the_accelerometers_are_calibrated():
     truth, recording = hand_turned(HandTurns(attitudes=24), np.random.default_rng(8))
     recording.imu.rates[:] = 0.0

@@ -168,7 +168,7 @@ def opened(browser, folder, name, scheme, width):
     context.close()
 
 
-@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), ("dark", 390)])
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), pytest.param("dark", 390, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", [*WRITTEN, *SERVED])
 def test_no_page_has_a_serious_finding(browser, folder, name, scheme, width):
     with opened(browser, folder, name, scheme, width) as (page, complaints):

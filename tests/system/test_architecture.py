@@ -7,9 +7,8 @@ from functools import cache
 from pathlib import Path
 
 SRC = Path(__file__).resolve().parents[2] / "src"
-MODULES = {
-    ".".join(file.relative_to(SRC).with_suffix("").parts): ast.parse(file.read_text(encoding="utf-8"))
-    for file in sorted((SRC / "kreisel").rglob("*.py"))
+FILES = {
+    ".".join(file.relative_to(SRC).with_suffix("").parts): file for file in sorted((SRC / "kreisel").rglob("*.py"))
 }
 
 MAX_CHAIN = 12
@@ -19,16 +18,21 @@ MANY_ARGUMENTS = 0.012
 """Share of functions with more than six arguments."""
 
 
+@cache
+def parsed(module):
+    return ast.parse(FILES[module].read_text(encoding="utf-8"))
+
+
 def imported(module, *, deferred=False):
     """Return the modules one imports when it is imported itself; with `deferred`, also those that functions import."""
     names = set()
-    for node in ast.walk(MODULES[module]) if deferred else MODULES[module].body:
+    for node in ast.walk(parsed(module)) if deferred else parsed(module).body:
         if isinstance(node, ast.ImportFrom) and node.module:
             names |= {f"{node.module}.{alias.name}" for alias in node.names} | {node.module}
         elif isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
     names |= {f"{name}.__init__" for name in names}
-    return {name for name in names if name in MODULES and name != module}
+    return {name for name in names if name in FILES and name != module}
 
 
 @cache
@@ -38,7 +42,7 @@ def chain_of(module):
 
 
 def test_no_chain_of_imports_is_longer_than_twelve():
-    longest = max((chain_of(module) for module in MODULES), key=len)
+    longest = max((chain_of(module) for module in FILES), key=len)
     assert len(longest) <= MAX_CHAIN, " > ".join(longest)
 
 
@@ -55,14 +59,14 @@ def test_no_circle_of_imports_even_through_functions():
             visit(name)
         seen.add(path.pop())
 
-    for module in MODULES:
+    for module in FILES:
         visit(module)
 
 
 def for_types_alone(module):
     """Return the modules that are imported under `if TYPE_CHECKING` only."""
     names = set()
-    for node in MODULES[module].body:
+    for node in parsed(module).body:
         if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
             names |= {one.module for one in node.body if isinstance(one, ast.ImportFrom)}
     return names
@@ -71,7 +75,7 @@ def for_types_alone(module):
 def test_a_modules_name_says_what_it_holds_wherever_it_lies():
     """No two modules have one name, but for the commands, which are named as the user types them."""
     places = {}
-    for name in MODULES:
+    for name in FILES:
         package, _, last = name.rpartition(".")
         if last != "__init__" and package != "kreisel.cli":
             places.setdefault(last, []).append(name)
@@ -80,7 +84,7 @@ def test_a_modules_name_says_what_it_holds_wherever_it_lies():
 
 def test_packages_export_nothing():
     """An import names the module it is from; only `kreisel` itself has public names, found when asked for."""
-    for name, tree in MODULES.items():
+    for name, tree in ((name, parsed(name)) for name in FILES):
         if name.endswith(".__init__") and name not in ("kreisel.__init__", "kreisel.devices.krl.__init__"):
             assert [type(node) for node in tree.body] == [ast.Expr], name
 
@@ -88,7 +92,7 @@ def test_packages_export_nothing():
 def test_files_and_functions_can_be_read_at_once():
     for file in (SRC / "kreisel").rglob("*.py"):
         assert len(file.read_text(encoding="utf-8").splitlines()) <= MAX_LINES, file.name
-    for name, tree in MODULES.items():
+    for name, tree in ((name, parsed(name)) for name in FILES):
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 body = node.body[1:] if ast.get_docstring(node) and len(node.body) > 1 else node.body
@@ -102,7 +106,7 @@ def test_nothing_outside_its_room_names_the_filters_passes():
     `inverse` is an estimator that starts from a filter's pass.
     """
     allowed = {"kreisel.calibration.calibrate", "kreisel.calibration.convergence", "kreisel.study.bound"}
-    for name in MODULES:
+    for name in FILES:
         if name.startswith(("kreisel.kalman.", "kreisel.inverse.")):
             continue
         used = {
@@ -116,7 +120,7 @@ def test_nothing_outside_its_room_names_the_filters_passes():
 def test_few_functions_take_more_than_six_arguments():
     """Commands take their options; what a program of its own calls is the exception elsewhere."""
     counts = []
-    for tree in MODULES.values():
+    for tree in map(parsed, FILES):
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 names = [one.arg for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
@@ -179,7 +183,7 @@ def test_every_module_is_imported_by_a_test_or_run_through_one():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module:
                 named |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    for name in MODULES:
+    for name in FILES:
         if name in named or name.endswith(".__init__"):
             continue
         entry = max((key for key in THROUGH if name == key or name.startswith(f"{key}.")), key=len, default=None)

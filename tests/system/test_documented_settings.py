@@ -35,6 +35,12 @@ def documented() -> list[str]:
 CLOCKS = ['[imu]\ntime_base = "imu"\n', '[imu]\ntime_base = "reference"\n', '[reference]\nkind = "mocap"\n']
 
 
+@pytest.mark.parametrize("text", documented(), ids=lambda text: " ".join(text.split())[:60])
+def test_a_documented_setting_is_read(text: str, tmp_path: Path) -> None:
+    RecordingSettings.model_validate(tomllib.loads(text))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [*documented(), *CLOCKS], ids=lambda text: " ".join(text.split())[:60])
 def test_a_documented_setting_is_read_and_its_result_written(text: str, kreisel: Command, tmp_path: Path) -> None:
     tomllib.loads(text)

@@ -38,6 +38,7 @@ def test_their_links_lead_somewhere(path):
                 assert (path.parent / target).exists(), target
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [pytest.param(path, id=path.stem) for path in NOTEBOOKS if path.stem != "figure-4"],  # `make site` runs all

@@ -134,7 +134,7 @@ DEFINITIONS = {
 }
 
 
-@pytest.mark.parametrize("size", [3 * MIB, 60 * MIB])
+@pytest.mark.parametrize("size", [3 * MIB, pytest.param(60 * MIB, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", DEFINITIONS)
 def test_definitions_that_stand_for_much_are_left_out(tmp_path: Path, kind: str, size: int) -> None:
     file = tmp_path / "bomb.mcap"

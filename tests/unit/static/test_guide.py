@@ -49,6 +49,7 @@ def followed(session, most=40):
     return out
 
 
+@pytest.mark.slow
 def test_who_follows_it_gets_an_accepted_result_within_its_deviations():
     session = Session()
     steps = followed(session)

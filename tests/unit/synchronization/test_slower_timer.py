@@ -11,7 +11,7 @@ from kreisel.simulation.cell_settings import parse_cell
 
 
 @pytest.mark.parametrize("kind", ["mocap", "robot"])
-@pytest.mark.parametrize("ppm", [-2000.0, -5000.0])
+@pytest.mark.parametrize("ppm", [-2000.0, pytest.param(-5000.0, marks=pytest.mark.slow)])
 def test_a_slower_timer_loses_no_samples(kind, ppm):
     cell = {
         "seed": 5, "run": 1, "seconds": 90.0, "reference": {"kind": kind, "clock_drift_ppm": ppm},
