@@ -1,6 +1,6 @@
 """What becomes of a unit of a tray that errs in a way of its own, and of the others.
 
-Run: python design/tray_faults.py [--first 1] [--trays 2] [--only NAME]
+Run: python design/tray_faults.py [--first 1] [--trays 2] [--size 1] [--only NAME]
 
 A line for each fault: whether the unit was used, its largest error over deviation and that of the others. A parameter
 that changes during the recording counts as right between its first and its last value.
@@ -196,6 +196,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--trays", type=int, default=2)
+    parser.add_argument("--size", type=float, default=1.0, help="factor on what a fault changes")
     parser.add_argument("--only", default="")
     given = parser.parse_args()
     for seed in range(given.first, given.first + given.trays):
@@ -206,13 +207,26 @@ def main() -> None:
         made = {f"imu{k}": simulate(cell, Path("tray"), unit=k) for k in range(UNITS)}
         for name, fault in FAULTS.items():
             if given.only in name:
-                print(f"{seed} {name:42s} {_tried(fault, made, seed)}", flush=True)
+                print(f"{seed} {name:42s} {_tried(fault, made, seed, given.size)}", flush=True)
 
 
-def _tried(fault: Fault, made: dict[str, tuple[Truth, Recording]], seed: int) -> str:
+def _resized(before: ImuSamples, after: ImuSamples, size: float) -> ImuSamples:
+    """Return readings and stamps with a part of a change, where there are as many."""
+    if len(before.rates) != len(after.rates):
+        return after
+    rates, forces, stamps = (
+        getattr(before, name) + size * (getattr(after, name) - getattr(before, name))
+        for name in ("rates", "accelerations", "stamps_ns")
+    )
+    return replace(after, rates=rates, accelerations=forces, stamps_ns=np.round(stamps).astype(np.int64))
+
+
+def _tried(fault: Fault, made: dict[str, tuple[Truth, Recording]], seed: int, size: float) -> str:
     """Return what became of the units with a fault in one of them."""
     truth, recording = made[FAULTY]
-    imu, ends = fault(recording.imu, truth.sensors, np.random.default_rng(seed))
+    imu, changed = fault(recording.imu, truth.sensors, np.random.default_rng(seed))
+    imu, right = _resized(recording.imu, imu, size), vector_of(truth.sensors)
+    ends = [right + size * (vector_of(end) - right) for end in changed]
     recordings = {name: own for name, (_, own) in made.items()}
     try:
         recordings[FAULTY] = check_streams(replace(recording, imu=imu))
@@ -220,7 +234,7 @@ def _tried(fault: Fault, made: dict[str, tuple[Truth, Recording]], seed: int) ->
     except KreiselError as error:
         return f"refused: {error}"
     by_name = {unit.name: unit for unit in outcome.units}
-    others = [_worst(unit, [made[unit.name][0].sensors]) for name, unit in by_name.items() if name != FAULTY]
+    others = [_worst(unit, [vector_of(made[unit.name][0].sensors)]) for name, unit in by_name.items() if name != FAULTY]
     rejected = [
         f"{n}: {unit.calibration.verdict.reasons[-1][:50]}"
         for n, unit in by_name.items() if n != FAULTY and not unit.calibration.accepted
@@ -228,7 +242,7 @@ def _tried(fault: Fault, made: dict[str, tuple[Truth, Recording]], seed: int) ->
     return f"{_faulty(outcome, by_name, ends):70s} others {max(score for score, _ in others):.1f} {rejected or ''}"
 
 
-def _faulty(outcome: TrayOutcome, by_name: dict[str, UnitOutcome], ends: list[SensorParameters]) -> str:
+def _faulty(outcome: TrayOutcome, by_name: dict[str, UnitOutcome], ends: list[Array]) -> str:
     if FAULTY not in by_name:
         return f"left out: {dict(outcome.left_out)[FAULTY]}"
     unit = by_name[FAULTY]
@@ -237,9 +251,9 @@ def _faulty(outcome: TrayOutcome, by_name: dict[str, UnitOutcome], ends: list[Se
     return f"{state} {score:.1f} {parameter}{' WRONG' if unit.calibration.accepted and score > 4.0 else ''}"
 
 
-def _worst(unit: UnitOutcome, ends: list[SensorParameters]) -> tuple[float, str]:
+def _worst(unit: UnitOutcome, ends: list[Array]) -> tuple[float, str]:
     """Return the largest error over deviation of a unit, and of which parameter."""
-    all_ends = np.array([vector_of(end) for end in ends])
+    all_ends = np.array(ends)
     found, sd = vector_of(unit.calibration.sensors), vector_of(unit.calibration.sensor_sd)
     apart = np.maximum(found - all_ends.max(axis=0), all_ends.min(axis=0) - found)
     scores = np.maximum(apart, 0.0) / sd

@@ -20,6 +20,7 @@ BOUND = 4.5
 EFFECTS = {
     "gyro_g_sensitivity": {"imu": {"gyro_g_sensitivity_sd": 1e-5}},
     "gyro_asymmetry": {"imu": {"gyro_asymmetry_sd": 1e-3}},
+    "gyro_cubic": {"unlisted": {"gyro_cubic": 5e-5}},
     "gyro_polynomial": {"imu": {"quadratic_gyro_sd": 1e-3}},
     "accel_asymmetry": {"imu": {"accel_asymmetry_sd": 1e-3}},
     "accel_polynomial": {"imu": {"quadratic_accel_sd": 1e-4}},

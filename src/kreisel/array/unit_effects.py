@@ -12,8 +12,8 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices
 
 _CANDIDATES = {
-    "gyro_polynomial": 6, "gyro_g_sensitivity": 9, "gyro_axis_smoothing": 3,
-    "accel_polynomial": 6, "accel_axis_delay": 3, "accel_axis_smoothing": 3,
+    "gyro_polynomial": 3, "gyro_cubic": 3, "gyro_g_sensitivity": 9, "gyro_axis_smoothing": 3,
+    "accel_polynomial": 3, "accel_axis_delay": 3, "accel_axis_smoothing": 3,
 }  # fmt: skip
 """Effects that are looked for, and their numbers of parameters. Delays of the gyros' axes are not among them: with
 those of accelerometers and the clock they are one too many."""
@@ -26,9 +26,15 @@ _MOST = 4
 
 
 def candidates(estimated: Mapping[str, int]) -> dict[str, int]:
-    """Return the effects that may be found, with their numbers of parameters beyond those that are estimated."""
-    more = {group: size - estimated.get(group, 0) for group, size in _CANDIDATES.items()}
-    return {group: size for group, size in more.items() if size > 0 and _PARTS_OF.get(group) not in estimated}
+    """Return the effects that may be found beyond those that are estimated, with their numbers of parameters."""
+    out = {
+        group: size
+        for group, size in _CANDIDATES.items()
+        if group not in estimated and _PARTS_OF.get(group) not in estimated
+    }
+    if estimated.get("gyro_polynomial", 0) > _CANDIDATES["gyro_polynomial"]:
+        out.pop("gyro_cubic", None)  # it is in the polynomial
+    return out
 
 
 def shown_effects(

@@ -28,9 +28,9 @@ from kreisel.synchronization.clock import Clock
 _SAME_MOMENT = 1e-7
 """Seconds by which a clock may move without its readings being taken at new moments."""
 
-_ROUNDS = 4
-"""Times that the fit is repeated. Chosen: accelerometers are bilinear in axes and positions, and clocks begin within
-milliseconds; the third round moves nothing by a thousandth of a deviation."""
+_ROUNDS, _SETTLED = 4, 1e-2
+"""Times that the fit is repeated at most, and changes in deviations after which it is not. Chosen: accelerometers are
+bilinear in axes and positions, and clocks begin within milliseconds; the next round would move a thousandth of that."""
 
 _NEW_FEATURES = 2
 """Rounds in which features of effects are taken anew. Chosen: effects are thousandths of the readings, and the second
@@ -179,6 +179,8 @@ def fit_unit(
         moved = float(np.abs(solved.change[-2:]).max()) > _SAME_MOMENT
         sensors = layout.moved(sensors, solved.change)
         clock = _clock_moved(clock, mean.seconds, solved.change[-2:])
+        if np.all(np.abs(solved.change) <= _SETTLED * np.sqrt(np.diag(np.linalg.inv(solved.information)))):
+            break
     J = layout.as_parameters(sensors)
     factor = _excess(solved, mean.row)
     P = factor[:, None] * np.linalg.inv(solved.information) * factor
@@ -320,7 +322,7 @@ def _shown(
 ) -> dict[str, float]:  # fmt: skip
     """Return the effects that a unit's readings show beyond those of the layout; features are of mean readings."""
     more = candidates(layout.sizes)
-    wide = _Layout.of({**layout.sizes, **{group: layout.sizes.get(group, 0) + size for group, size in more.items()}})
+    wide = _Layout.of({**layout.sizes, **more})
     cubics = local_cubics(mean.seconds, mean.row)
     G, S = _inverse(p.K_omega), _inverse(p.K_a)
     readings = RawReadings(
@@ -334,7 +336,7 @@ def _shown(
     except EstimationError:
         return {}
     target = solved.information @ solved.change
-    places = {group: wide.places[group][-size:] for group, size in more.items()}
+    places = {group: wide.places[group] for group in more}
     base = np.setdiff1d(np.arange(wide.count), np.concatenate(list(places.values())))
 
     def fitted(used: Indices) -> tuple[Array, Array]:

@@ -180,6 +180,7 @@ EFFECTS: dict[str, SensorEffect] = {
     "gyro_g_sensitivity": SensorEffect("gyroscope", (Factor.FORCE,), Arrangement.MATRIX),
     "gyro_g_squared": SensorEffect("gyroscope", (Factor.FORCE, Factor.FORCE), Arrangement.MATRIX),
     "gyro_asymmetry": SensorEffect("gyroscope", (Factor.MAGNITUDE,)),
+    "gyro_cubic": SensorEffect("gyroscope", (Factor.READING,) * 3),
     "gyro_axis_delay": SensorEffect("gyroscope", (Factor.SLOPE,)),
     "gyro_axis_smoothing": SensorEffect("gyroscope", (Factor.CURVATURE,)),
     "gyro_temperature": SensorEffect("gyroscope", (Factor.TEMPERATURE,)),

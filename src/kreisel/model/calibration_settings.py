@@ -24,6 +24,9 @@ BY_CHOICE = tuple(group.name for group in REGISTRY if group.by_choice)
 """Groups that are estimated only if asked for."""
 
 
+CUBES = 3
+"""Order of sensor polynomials from which on `gyro_cubic` is a part of them."""
+
 SENSORS, USES = ("gyroscope", "accelerometer"), ("orientations",)
 """Sensors that a verdict may be about, and parts of a reference that may be all of it that is used."""
 
@@ -128,6 +131,8 @@ class CalibrationSettings:
         wanted = (estimated,) if isinstance(estimated, str) else estimated
         if isinstance(wanted, Iterable):
             wanted = (*wanted, *(group for group in of if group in BY_CHOICE))
+        if polynomial_order >= CUBES and "gyro_cubic" in wanted:
+            raise SettingsError(f"gyro_cubic is a part of the polynomials of order {polynomial_order}; leave it out")
         held = {name: fixed_value(name, values[name], polynomial_order) for name in names if name in values}
         vars(self).update(
             estimator=estimator,

@@ -178,6 +178,11 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         shape=lambda _: (3,),
     ),
     ParameterGroup(
+        "gyro_cubic", "cubic term of the gyros without a square one, (rad/s)^-2: times w'^3", "k<sub>ω3</sub>",
+        "gyroscope", "gyroscope.cubic", _axes, "ppm/(rad/s)²", PPM, 1e-4, known_before=True, by_choice=True,
+        shape=lambda _: (3,),
+    ),
+    ParameterGroup(
         "gyro_axis_delay", "delay of each gyro axis beyond the mean of the three, s: times dw'/dt", "τ<sub>ω</sub>",
         "gyroscope", "gyroscope.axis_delay", _axes, "ms", MS, 1e-3, known_before=True, by_choice=True,
         shape=lambda _: (3,), common_elsewhere=True,

@@ -20,7 +20,7 @@ from kreisel.fitting.result_change import result_moved
 from kreisel.fitting.stored_state import parameters_of, stored_state
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE, RawReadings
-from kreisel.model.calibration_settings import BY_CHOICE
+from kreisel.model.calibration_settings import BY_CHOICE, CUBES
 from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS, Considered
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
@@ -56,7 +56,7 @@ _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 
 def candidates(problem: Problem) -> tuple[str, ...]:
     """Return the effects that a problem may have beyond those that are in its state or fixed."""
-    reference, out = problem.reference, []
+    reference, order, out = problem.reference, problem.settings.polynomial_order, []
     for group in (*BY_CHOICE, *_POLYNOMIALS):
         needs_positions = group in ("position_scale", *ROBOT_GROUPS) or group.startswith("accel")
         possible = reference.positions is not None or not needs_positions
@@ -65,6 +65,7 @@ def candidates(problem: Problem) -> tuple[str, ...]:
         possible &= not group_named(group).rare or group in problem.prior.expected
         possible &= group not in OF_TEMPERATURE or _temperature_changes(problem)
         possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
+        possible &= group != "gyro_cubic" or "gyro_polynomial" not in problem.layout or order < CUBES
         possible &= group != "robot_zeros" or problem.joints > _JOINTS_OF_FRAMES
         possible &= group not in EFFECTS or _has_offset(problem, OFFSET_OF[EFFECTS[group].sensor])
         if possible and group not in problem.layout and group not in problem.settings.fixed:
@@ -189,6 +190,8 @@ class Survey:
         """Return the odds, before any look at the data, that the device has an effect."""
         prior, robot = self.before.prior, self.before.robot
         if group == "robot_zeros" and robot is not None and robot.stated:
+            return UNLIKELY_ODDS
+        if group == "gyro_cubic":  # one that is not estimated leaves scale factors that hold for such rates
             return UNLIKELY_ODDS
         return EXPECTED_ODDS if group in prior.expected else LIKELY_ODDS if group in prior.likely else USUAL_ODDS
 

@@ -6,6 +6,7 @@ TITLES = {
     "gyro_g_sensitivity": "Gyro g-sensitivity",
     "gyro_g_squared": "Gyro g²-sensitivity",
     "gyro_asymmetry": "Gyro scale-factor asymmetry",
+    "gyro_cubic": "Gyro cubic non-linearity",
     "gyro_axis_delay": "Delay of a gyro axis",
     "gyro_axis_smoothing": "Smoothing of a gyro axis",
     "gyro_temperature": "Gyro bias by temperature",

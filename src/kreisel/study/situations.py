@@ -391,7 +391,7 @@ def _shapes() -> tuple[_Effect, ...]:
     products = _sizes("unlisted", "accel_products", "ug/g^2", per_g2, 20, 100, 500)
     return (
         _Effect("gyro cubic", "cubic term of the gyros, at 250 deg/s",
-                _sizes("unlisted", "gyro_cubic", "ppm", PPM / at_250, 100, 1000, 5000)),
+                _sizes("unlisted", "gyro_cubic", "ppm", PPM / at_250, 100, 1000, 5000), ("gyro_cubic",)),
         _Effect("accel products", "products of axes in the accelerometers", products),
         _Effect("vibration rectification", "the same while the IMU vibrates by 5 m/s^2",
                 tuple((size, {**content, **shaking}) for size, content in products)),

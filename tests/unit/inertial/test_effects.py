@@ -24,6 +24,7 @@ WRITTEN_OUT = {
     "gyro_g_sensitivity": (G, A @ G.reshape(3, 3).T, 0.0),
     "gyro_g_squared": (G, A**2 @ G.reshape(3, 3).T, 0.0),
     "gyro_asymmetry": (B, B * np.abs(W), 0.0),
+    "gyro_cubic": (B, B * W**3, 0.0),
     "gyro_axis_delay": (B, B * W_SLOPE, 0.0),
     "gyro_axis_smoothing": (B, -B * W_CURVATURE, 0.0),
     "gyro_temperature": (B, B * TEMPERATURE_CHANGE[:, None], 0.0),
