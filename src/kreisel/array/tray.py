@@ -107,11 +107,11 @@ def calibrate_tray(
             turned[out] = found.turns[out]
         elif out is not None:
             odd[out] = found.misfits[out]
-        elif more is not None and len(tray.in_mean) >= MIN_UNITS:
-            out = _clearest(tray, found, settings.fixed)
-            unlike.add(out)
         else:
-            break
+            out = _clearest(tray, found, settings.fixed)
+            if out is None:
+                break
+            unlike.add(out)
         tray.take_out(out)
         mean = run(tray.mean_recording(), settings)
     odd = {name: found.misfits.get(name, own) for name, own in odd.items()}
@@ -129,14 +129,15 @@ def _with_shown(settings: CalibrationSettings, fits: Iterable[UnitFit]) -> Calib
     return replace(settings, polynomial_order=order, estimated=(*settings.estimated, *estimated))
 
 
-def _clearest(tray: _Tray, found: _Fitted, fixed: Collection[str]) -> str:
+def _clearest(tray: _Tray, found: _Fitted, fixed: Collection[str]) -> str | None:
     """Return the unit of the mean that shows an effect most clearly; the others show what of it is in the mean."""
     weights = {
         name: max(_not_fixed(found.fits[name], fixed).values(), default=0.0)
         for name in tray.in_mean
         if name in found.fits
     }
-    return max(weights, key=lambda name: weights[name])
+    best = max(weights, key=lambda name: weights[name], default=None)
+    return best if best is not None and len(weights) >= MIN_UNITS and weights[best] > 0.0 else None
 
 
 def _not_fixed(fit: UnitFit, fixed: Collection[str]) -> dict[str, float]:
@@ -441,8 +442,8 @@ def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, shown: Collect
         )
     elif shown:
         reason = (
-            f"its readings show {' and '.join(shown)}, with which the calibration of the mean is rejected; calibrate "
-            "it alone with --imu"
+            f"its readings show {' and '.join(shown)}, which is not in the model, or with which that of the mean is "
+            "rejected; check its mount, or calibrate it alone with --imu"
         )
     else:
         return verdict

@@ -21,6 +21,9 @@ those of accelerometers and the clock they are one too many."""
 _PARTS_OF = {"accel_axis_delay": "accel_delay", "accel_axis_smoothing": "accel_smoothing"}
 """Effects of each axis, and what they contain that is common to the axes: they are not estimated together."""
 
+PRODUCTS = ("products of rates in the gyros", "products of accelerations in the accelerometers")
+"""Effects that are looked for and cannot be estimated: those of a mount that bends under its load, for one."""
+
 _MOST = 4
 """Effects of one unit that are added at most. Chosen: no device in the robustness study has more."""
 
@@ -35,6 +38,17 @@ def candidates(estimated: Mapping[str, int]) -> dict[str, int]:
     if estimated.get("gyro_polynomial", 0) > _CANDIDATES["gyro_polynomial"]:
         out.pop("gyro_cubic", None)  # it is in the polynomial
     return out
+
+
+def products(values: Array, axis: int) -> Array:
+    """Return what an axis may respond to beside its own reading, (n, 4): products of readings (n, 3).
+
+    Of the squares of the two other axes it is the difference: with their sum, and the square of its own, accelerations
+    at rest are like an offset.
+    """
+    x, y, z = values.T
+    others = np.delete(values, axis, axis=1) ** 2
+    return np.column_stack([x * y, y * z, z * x, others[:, 0] - others[:, 1]])
 
 
 def shown_effects(

@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.array.common_motion import BodyMotion, MeanMotion, MotionErrors, averaged
 from kreisel.array.resampled import Resampled, resampled
-from kreisel.array.unit_effects import candidates, shown_effects
+from kreisel.array.unit_effects import PRODUCTS, candidates, products, shown_effects
 from kreisel.errors import EstimationError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.correction import Block
@@ -331,18 +331,25 @@ def _shown(
     )  # fmt: skip
     # temperatures are not in the means, and their effects are in what is left
     features = {sensor: features_of(readings, wide.sizes, sensor).T for sensor in ("gyroscope", "accelerometer")}
+    places = {group: wide.places[group] for group in more}
+    base = np.setdiff1d(np.arange(wide.count), np.concatenate([np.zeros(0, dtype=np.int64), *places.values()]))
+    axes, count = _rows(raw, features, mean, p, wide), wide.count
+    for k, axis in enumerate(axes):
+        own = products(readings.accelerations if k >= 3 else readings.rates, k % 3)
+        at = count + own.shape[1] * k + np.arange(own.shape[1])
+        axes[k] = replace(axis, columns=np.hstack([axis.columns, own]), places=np.concatenate([axis.places, at]))
+        places[PRODUCTS[k // 3]] = np.append(places.get(PRODUCTS[k // 3], at[:0]), at)
+    count += sum(places[name].size for name in PRODUCTS)
     try:
-        solved = _solve(_rows(raw, features, mean, p, wide), whole, wide.count)
+        solved = _solve(axes, whole, count)
     except EstimationError:
         return {}
     target = solved.information @ solved.change
-    places = {group: wide.places[group] for group in more}
-    base = np.setdiff1d(np.arange(wide.count), np.concatenate(list(places.values())))
 
     def fitted(used: Indices) -> tuple[Array, Array]:
         A = solved.information[np.ix_(used, used)]
         x = np.asarray(np.linalg.solve(A, target[used]), dtype=float)
-        change = np.zeros(wide.count)
+        change = np.zeros(count)
         change[used] = x
         factor = _excess(replace(solved, change=change), mean.row, used)
         return x, factor[:, None] * _inverse(A) * factor
