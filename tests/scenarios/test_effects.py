@@ -1,5 +1,6 @@
 """Effects beyond the usual model, simulated by formulas of the virtual cell: found, named, and no error left."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,6 @@ BOUND = 4.5
 EFFECTS = {
     "gyro_g_sensitivity": {"imu": {"gyro_g_sensitivity_sd": 1e-5}},
     "gyro_asymmetry": {"imu": {"gyro_asymmetry_sd": 1e-3}},
-    "gyro_cubic": {"unlisted": {"gyro_cubic": 5e-5}},
     "gyro_polynomial": {"imu": {"quadratic_gyro_sd": 1e-3}},
     "accel_asymmetry": {"imu": {"accel_asymmetry_sd": 1e-3}},
     "accel_polynomial": {"imu": {"quadratic_accel_sd": 1e-4}},
@@ -47,6 +47,22 @@ def calibrated(seed, change, seconds=150.0):
 def largest(outcome, truth):
     errors = group_errors(outcome.calibration, truth)
     return max(float(np.abs(errors[group].error / errors[group].deviation).max()) for group in SENSOR)
+
+
+@pytest.mark.parametrize("grade", ["fog-mems", "industrial-mems"])
+def test_cubes_of_the_rates_are_told_from_the_scale_factors(grade):
+    """Scale factors are the slopes at rest, and not those of the line that is nearest to the curve."""
+    cell = Cell.model_validate({"seed": 31, "seconds": 150.0, "imu": {"grade": grade}})
+    truth, recording = simulate(cell, Path("cell"))
+    imu = recording.imu
+    outcome = run_calibration(
+        check_streams(replace(recording, imu=replace(imu, rates=imu.rates + 5e-4 * imu.rates**3))),
+        CalibrationSettings(),
+    )
+    assert outcome.verdict.accepted, outcome.verdict.reasons
+    assert "gyro_cubic" in {effect.group for effect in outcome.estimate.considered if effect.included}
+    np.testing.assert_allclose(outcome.calibration.sensors.effects["gyro_cubic"], -5e-4, rtol=0.06)
+    assert largest(outcome, truth) < BOUND
 
 
 @pytest.mark.parametrize(
