@@ -21,8 +21,8 @@ those of accelerometers and the clock they are one too many."""
 _PARTS_OF = {"accel_axis_delay": "accel_delay", "accel_axis_smoothing": "accel_smoothing"}
 """Effects of each axis, and what they contain that is common to the axes: they are not estimated together."""
 
-PRODUCTS = ("products of rates in the gyros", "products of accelerations in the accelerometers")
-"""Effects that are looked for and cannot be estimated: those of a mount that bends under its load, for one."""
+PRODUCTS = "products of accelerations in the accelerometers"
+"""An effect that is looked for and cannot be estimated: that of a mount that bends under its load, for one."""
 
 _MOST = 4
 """Effects of one unit that are added at most. Chosen: no device in the robustness study has more."""
@@ -41,7 +41,7 @@ def candidates(estimated: Mapping[str, int]) -> dict[str, int]:
 
 
 def products(values: Array, axis: int) -> Array:
-    """Return what an axis may respond to beside its own reading, (n, 4): products of readings (n, 3).
+    """Return what an accelerometer may respond to beside its own reading, (n, 4): products of readings (n, 3).
 
     Of the squares of the two other axes it is the difference: with their sum, and the square of its own, accelerations
     at rest are like an offset.
@@ -52,7 +52,11 @@ def products(values: Array, axis: int) -> Array:
 
 
 def shown_effects(
-    fitted: Callable[[Indices], tuple[Array, Array]], base: Indices, places: Mapping[str, Indices]
+    fitted: Callable[[Indices], tuple[Array, Array]],
+    base: Indices,
+    places: Mapping[str, Indices],
+    of_products: Indices,
+    drift: Indices,
 ) -> dict[str, float]:
     """Return the effects that data show, the clearest first, and the chi-square of each over its `limit`.
 
@@ -64,20 +68,25 @@ def shown_effects(
         Places of the parameters that are estimated anyway.
     places
         Of the parameters of each effect that may be added.
+    of_products, drift
+        Of the parameters of `PRODUCTS`, which must be nothing else, and of offsets that drift.
     """
+
+    def weight(known: Indices, own: Indices) -> float:
+        x, P = fitted(np.concatenate([known, own]))
+        x, P = x[-own.size :], P[-own.size :, -own.size :]
+        return float(x @ np.linalg.solve(P, x)) / limit(own.size)
+
     found: dict[str, float] = {}
     while len(found) < _MOST:
         known = np.concatenate([base, *(places[group] for group in found)])
-        weights = {}
-        for group, own in places.items():
-            if group not in found:
-                x, P = fitted(np.concatenate([known, own]))
-                x, P = x[-own.size :], P[-own.size :, -own.size :]
-                weights[group] = float(x @ np.linalg.solve(P, x)) / limit(own.size)
+        weights = {group: weight(known, own) for group, own in places.items() if group not in found}
         best = max(weights, key=lambda group: weights[group], default=None)
         if best is None or weights[best] < 1.0:
             break
         found[best] = weights[best]
+    if of_products.size and (last := weight(np.concatenate([base, drift, *places.values()]), of_products)) >= 1.0:
+        found[PRODUCTS] = last
     return found
 
 

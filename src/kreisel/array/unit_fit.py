@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.array.common_motion import BodyMotion, MeanMotion, MotionErrors, averaged
 from kreisel.array.resampled import Resampled, resampled
-from kreisel.array.unit_effects import PRODUCTS, candidates, products, shown_effects
+from kreisel.array.unit_effects import candidates, products, shown_effects
 from kreisel.errors import EstimationError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.correction import Block
@@ -334,12 +334,18 @@ def _shown(
     places = {group: wide.places[group] for group in more}
     base = np.setdiff1d(np.arange(wide.count), np.concatenate([np.zeros(0, dtype=np.int64), *places.values()]))
     axes, count = _rows(raw, features, mean, p, wide), wide.count
+    late = (mean.seconds - mean.seconds[0]) / float(mean.seconds[-1] - mean.seconds[0])
+    late = np.column_stack([late, late**2])
+    drift, of_products = count + np.arange(12).reshape(6, 2), count + 12 + np.arange(12).reshape(3, 4)
     for k, axis in enumerate(axes):
-        own = products(readings.accelerations if k >= 3 else readings.rates, k % 3)
-        at = count + own.shape[1] * k + np.arange(own.shape[1])
-        axes[k] = replace(axis, columns=np.hstack([axis.columns, own]), places=np.concatenate([axis.places, at]))
-        places[PRODUCTS[k // 3]] = np.append(places.get(PRODUCTS[k // 3], at[:0]), at)
-    count += sum(places[name].size for name in PRODUCTS)
+        more_columns, at = [late], [drift[k]]
+        if k >= 3:
+            more_columns.append(products(readings.accelerations, k % 3))
+            at.append(of_products[k % 3])
+        axes[k] = replace(
+            axis, columns=np.hstack([axis.columns, *more_columns]), places=np.concatenate([axis.places, *at])
+        )
+    count += drift.size + of_products.size
     try:
         solved = _solve(axes, whole, count)
     except EstimationError:
@@ -354,7 +360,7 @@ def _shown(
         factor = _excess(replace(solved, change=change), mean.row, used)
         return x, factor[:, None] * _inverse(A) * factor
 
-    return shown_effects(fitted, base, places)
+    return shown_effects(fitted, base, places, of_products.ravel(), drift.ravel())
 
 
 def _along(forces: Array, field: Array, S: Array, p: SensorParameters) -> Array:

@@ -26,7 +26,7 @@ def test_what_the_data_hold_is_found_and_nothing_else(size, expected):
         inverse = np.linalg.inv(X[:, used].T @ X[:, used])
         return inverse @ X[:, used].T @ y, inverse
 
-    assert tuple(shown_effects(fitted, np.arange(4), PLACES)) == expected
+    assert tuple(shown_effects(fitted, np.arange(4), PLACES, np.arange(0), np.arange(0))) == expected
 
 
 def test_what_is_estimated_is_no_candidate_nor_a_part_of_it():
