@@ -422,7 +422,7 @@ def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, shown: Collect
     odd
         By how much its differences from the common motion exceed its noise, where the mean is better without it.
     shown
-        Effects that its readings show and that are not estimated: with them, the mean's calibration is rejected.
+        Effects that its readings show and that are not estimated: they cannot be, or the mean is rejected with them.
     sure
         Whether it was this unit that turned, and not the other one.
     """
@@ -442,8 +442,8 @@ def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, shown: Collect
         )
     elif shown:
         reason = (
-            f"its readings show {' and '.join(shown)}, which is not in the model, or with which that of the mean is "
-            "rejected; check its mount, or calibrate it alone with --imu"
+            f"its readings show {' and '.join(shown)}, and no calibration of the mean accounts for that; check its "
+            "mount, or calibrate it alone with --imu"
         )
     else:
         return verdict

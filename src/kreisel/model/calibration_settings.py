@@ -131,7 +131,8 @@ class CalibrationSettings:
         wanted = (estimated,) if isinstance(estimated, str) else estimated
         if isinstance(wanted, Iterable):
             wanted = (*wanted, *(group for group in of if group in BY_CHOICE))
-        if polynomial_order >= CUBES and "gyro_cubic" in wanted:
+        chosen = _names(wanted, "estimated", "group that is estimated by choice", BY_CHOICE)
+        if polynomial_order >= CUBES and "gyro_cubic" in chosen and "gyro_polynomial" not in names:
             raise SettingsError(f"gyro_cubic is a part of the polynomials of order {polynomial_order}; leave it out")
         held = {name: fixed_value(name, values[name], polynomial_order) for name in names if name in values}
         vars(self).update(
@@ -140,7 +141,7 @@ class CalibrationSettings:
             update_interval=update_interval,
             polynomial_order=polynomial_order,
             fixed=names,
-            estimated=_names(wanted, "estimated", "group that is estimated by choice", BY_CHOICE),
+            estimated=chosen,
             skew=True if "time_skew" in of and skew is None else skew,
             size_effect=SizeEffect(size_effect),
             passes=passes,

@@ -92,3 +92,10 @@ def test_values_are_held_and_stated_exactly() -> None:
     assert np.abs(error / np.array(sd["gyroscope"]["cross_coupling"])).max() < 5.0
     injection = inject(outcome)
     assert np.abs((injection.found - injection.injected) / injection.deviation).max() < 2.0
+
+
+def test_cubes_are_estimated_once():
+    with pytest.raises(SettingsError, match="gyro_cubic is a part of the polynomials of order 3"):
+        CalibrationSettings(polynomial_order=3, estimated=("gyro_cubic",))
+    assert CalibrationSettings(polynomial_order=2, estimated=("gyro_cubic",)).estimated == ("gyro_cubic",)
+    CalibrationSettings(polynomial_order=3, estimated=("gyro_cubic",), fixed=("gyro_polynomial",))
