@@ -105,13 +105,9 @@ def mean_nees(recording, calibration, gyro, accel, walks, position_sd, attitude_
 
 
 @pytest.mark.recordings
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "too_sure"),
-    [
-        pytest.param("broad_21", True, marks=pytest.mark.slow),
-        ("euroc_v1_01", True),
-        pytest.param("sim_fog_mems_300s", False, marks=pytest.mark.slow),
-    ],
+    ("name", "too_sure"), [("broad_21", True), ("euroc_v1_01", True), ("sim_fog_mems_300s", False)]
 )
 def test_a_plain_filter_is_consistent_with_the_figures_in_motion(recordings, name, too_sure):
     recording = kreisel.load(recordings / name)

@@ -19,7 +19,14 @@ def kreisel(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     return command(monkeypatch, capsys)
 
 
-@pytest.mark.parametrize("case", FAULTS, ids=lambda case: case.name)
+LONG = ("saturated_before_noise", "mount_that_slips")
+"""Faults that do not fit any model, for which all are tried."""
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, marks=[pytest.mark.slow] if case.name in LONG else [], id=case.name) for case in FAULTS],
+)
 def test_a_broken_recording(case: Case, kreisel: Command, tmp_path: Path) -> None:
     truth, recording = simulated()
     write_folder(case.fault(recording), tmp_path / "run")

@@ -258,6 +258,7 @@ def test_a_device_turned_by_hand_is_calibrated_applied_and_certified(cell, refus
     refused("six-position needs all six faces", "static", tmp_path / "hand", "--method", "six-position")
 
 
+@pytest.mark.slow
 def test_raw_counts_are_calibrated_and_applied_to_counts(cell, refused, tmp_path):
     """Six faces with whole turns, in counts about half of the converter's range."""
     how = HandTurns("industrial-mems", attitudes=12, laid="whole turns")

@@ -321,6 +321,7 @@ def run_of(program, cell, output, *more, name="program.toml"):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_program_is_driven_recorded_and_found_again(program, cell, tmp_path):
     done = subprocess.run(run_of(program, cell, tmp_path / "run"), capture_output=True, text=True, timeout=LIMIT)
     assert done.returncode == 0, done.stderr

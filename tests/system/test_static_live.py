@@ -84,6 +84,7 @@ def hand(folder):
         one.stop()
 
 
+@pytest.mark.slow
 def test_who_does_what_it_says_ends_with_a_certificate(tmp_path):
     out = tmp_path / "out"
     with hand(out) as device:
