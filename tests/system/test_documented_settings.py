@@ -36,7 +36,7 @@ CLOCKS = ['[imu]\ntime_base = "imu"\n', '[imu]\ntime_base = "reference"\n', '[re
 
 
 @pytest.mark.parametrize("text", documented(), ids=lambda text: " ".join(text.split())[:60])
-def test_a_documented_setting_is_read(text: str, tmp_path: Path) -> None:
+def test_a_documented_setting_is_read(text: str) -> None:
     RecordingSettings.model_validate(tomllib.loads(text))
 
 

@@ -121,8 +121,7 @@ def calibrate_tray(
 def _with_shown(settings: CalibrationSettings, fits: Iterable[UnitFit]) -> CalibrationSettings | None:
     """Return settings that estimate the effects that units show and may have; None if there are no others."""
     shown = {group for fit in fits for group in _not_fixed(fit, settings.fixed)}
-    squares = 2 if any(group.endswith("polynomial") for group in shown) else 1
-    order = max(squares, settings.polynomial_order)
+    order = max(settings.polynomial_order, 2 if any(group.endswith("polynomial") for group in shown) else 1)
     estimated = [group for group in BY_CHOICE if group in shown and group not in settings.estimated]
     if order == settings.polynomial_order and not estimated:
         return None

@@ -98,7 +98,7 @@ class Weighing:
         They are (1, k, 3) where the figures of a kind are the same in all sets.
         """
         squares = [np.square(own if np.ptp(own) > 0.0 else own[:1])[:, None, None] for own in figures.T]
-        out = [white + square * share for white, square, share in zip(self.white, squares, self.share, strict=False)]
+        out = [white + squares[k] * share for k, (white, share) in enumerate(zip(self.white, self.share, strict=True))]
         out[_TURN] = out[_TURN] + squares[_RATE] * self.wandering
         return out
 
