@@ -1,7 +1,8 @@
 """Nonlinearity of the model: how large the start deviations of a pass may be, and whether another pass is useful.
 
-The nonlinear part of the model grows with the square of angles, and with the product of an offset and the matrix it is
-multiplied by. It is compared with standard deviations. The one of an offset is taken with all else known, because a
+The nonlinear part of the model grows with the square of angles, with the product of an offset and the matrix it is
+multiplied by, and with the square of the time offset times the angular acceleration. It is compared with standard
+deviations. The one of an offset is taken with all else known, because a
 weak motion determines offset and matrix together much less well than each of them alone.
 """
 
@@ -46,7 +47,37 @@ def linear_inflation(problem: Problem, covariance: Array) -> float:
         if matrix in layout and offset in layout:
             product = usual(deviation, matrix) * usual(deviation, offset)
             factors.append((LINEAR * usual(alone, offset) / product) ** 0.5)
+    bend = _change_of_rates(problem) * _deviation_of_time(problem, covariance)
+    if bend > 0.0:
+        factors.append((LINEAR / bend) ** 0.5)
     return max(min(factors), MIN_INFLATION)
+
+
+def _change_of_rates(problem: Problem) -> float:
+    """Return how much of a turn by an error of time is not proportional to it, 1/s: of sin(w t) it is w / 2.
+
+    Half the angular acceleration over the angular rate, both as root mean squares of means between updates.
+    """
+    readings, start = problem.sensor.readings, problem.prior.start.sensors
+    ends = np.unique([update.last for update in problem.schedule.updates])
+    turned = np.cumsum((readings.rates + start.k_w[0]) * np.gradient(readings.stamps)[:, None], axis=0)[ends]
+    seconds = np.diff(readings.stamps[ends])
+    rates = np.diff(turned, axis=0) / seconds[:, None]
+    if len(rates) < 2 or not rates.any():
+        return 0.0
+    changes = np.diff(rates, axis=0) / (0.5 * (seconds[1:] + seconds[:-1]))[:, None]
+    return 0.5 * float(np.sqrt(np.mean(changes**2) / np.mean(rates**2)))
+
+
+def _deviation_of_time(problem: Problem, covariance: Array) -> float:
+    """Return the standard deviation of the reference's time in the IMU's, as a root mean square over all updates."""
+    layout = problem.layout
+    tau = np.array([update.tau for update in problem.schedule.updates])
+    by = {g: c for g, c in (("time_offset", np.ones_like(tau)), ("time_skew", tau)) if g in layout}
+    if not by:
+        return 0.0
+    own, columns = [layout[group].start for group in by], np.column_stack(list(by.values()))
+    return float(np.sqrt(np.mean(np.sum(columns @ covariance[np.ix_(own, own)] * columns, axis=1))))
 
 
 def curved(problem: Problem, run: Fit) -> bool:

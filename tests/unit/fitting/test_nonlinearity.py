@@ -17,9 +17,11 @@ from kreisel.fitting.nonlinearity import (
     linear_inflation,
 )
 from kreisel.fitting.stored_state import stored_state
-from kreisel.model.problem import without_groups
+from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.problem import with_readings, without_groups
+from kreisel.preparation.build_problem import build_problem
 
-from ...small_problem import moved_by, small_problem
+from ...small_problem import moved_by, prepared, small_problem
 
 ANGLES = ("gyro_cross_coupling", "accel_cross_coupling", "alignment")
 N = len(small_problem().parameter_names)
@@ -72,9 +74,24 @@ def test_widening_stays_between_its_bounds():
     small = np.diag(deviations() ** 2)
     assert linear_inflation(small_problem(), small) == MAX_INFLATION
     assert linear_inflation(small_problem(), 1e18 * small) == MIN_INFLATION
-    held = without_groups(small_problem(), ("gyro_cross_coupling", "accel_cross_coupling"))
+    held = without_groups(small_problem(), ("gyro_cross_coupling", "accel_cross_coupling", "time_offset"))
     n = len(held.parameter_names)
-    assert linear_inflation(held, np.eye(n)) == MAX_INFLATION  # without matrices nothing bends
+    assert linear_inflation(held, np.eye(n)) == MAX_INFLATION  # without matrices and clocks nothing bends
+
+
+@pytest.mark.parametrize(("offset", "skew"), [(0.01, 1e-9), (1e-9, 1e-3), (0.02, 1e-3)])
+def test_time_is_widened_until_the_square_of_its_error_turns_by_a_share_of_what_it_turns_by_itself(offset, skew):
+    """A turn sin(w t) by an error of time d is cos(w t) d - (w / 2) sin(w t) d^2, of the same mean squares."""
+    problem = build_problem(prepared(), CalibrationSettings(skew=True))
+    readings, w = problem.sensor.readings, 2.0
+    wave = np.outer(np.cos(w * readings.stamps), [0.3, -0.2, 0.1]) - problem.prior.start.sensors.k_w[0]
+    problem = with_readings(problem, replace(readings, rates=wave, _ready={}, _crossing={}))
+    P = 1e-18 * np.eye(len(problem.parameter_names))
+    i, j = problem.layout["time_offset"].start, problem.layout["time_skew"].start
+    P[[i, j], [i, j]], P[[i, j], [j, i]] = (offset**2, skew**2), -0.5 * offset * skew
+    tau = np.array([update.tau for update in problem.schedule.updates])
+    sd = np.mean(offset**2 - offset * skew * tau + skew**2 * tau**2) ** 0.5
+    assert linear_inflation(problem, P) ** 2 * sd * w / 2.0 == pytest.approx(LINEAR, rel=0.06)  # means between updates
 
 
 def run_from(change, sd):
