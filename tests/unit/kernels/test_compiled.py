@@ -28,10 +28,15 @@ print(compiled.variant, *run.belief.mean, *run.belief.standard_deviation)
 """
 
 
-def test_a_library_that_is_older_than_its_sources_is_refused(tmp_path):
+def build_script():
     spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
     build = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(build)
+    return build
+
+
+def test_a_library_that_is_older_than_its_sources_is_refused(tmp_path):
+    build = build_script()
     built = build.source_hash(ROOT)
     compiled.check_sources(built, ROOT / "src" / "kernels")
     compiled.check_sources(built, tmp_path)  # an installed package has no sources
@@ -40,6 +45,38 @@ def test_a_library_that_is_older_than_its_sources_is_refused(tmp_path):
         file.write("\n")
     with pytest.raises(LibraryError, match=f"older than its sources: it was compiled from {built}"):
         compiled.check_sources(built, tmp_path / "kernels")
+
+
+def test_an_installation_compiles_only_what_has_changed(tmp_path, monkeypatch):
+    build, count = build_script(), 0
+    sources, library = tmp_path / "src" / "kernels", tmp_path / build.PACKAGE / build.this_machine().file
+    shutil.copytree(ROOT / "src" / "kernels", sources)
+    shutil.copy(ROOT / "hatch_build.py", tmp_path)
+
+    def compiles(root, out, target):
+        nonlocal count
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text("a library")
+        count += 1
+
+    monkeypatch.setattr(build, "compile_library", compiles)
+    hook = build.LibraryHook(str(tmp_path), {}, None, None, str(tmp_path), "wheel")
+
+    def compiled_by(change):
+        change()
+        before, data = count, {"force_include": {}}
+        hook.initialize("standard", data)
+        assert data["force_include"] == {str(library): f"kreisel/_kernels/{library.name}"}
+        return count > before
+
+    assert compiled_by(lambda: None)
+    assert not compiled_by(lambda: None)
+    assert compiled_by(lambda: (sources / "choose.cpp").write_text("// another"))
+    assert compiled_by(lambda: library.write_text("a library that is another"))
+    assert compiled_by(library.unlink)
+    assert compiled_by(lambda: (tmp_path / "hatch_build.py").write_text("# other flags"))
+    assert compiled_by(lambda: monkeypatch.setattr(build, "native_compiler", lambda: ["another"]))
+    assert not compiled_by(lambda: None)
 
 
 def swapped(kind, a, b):
