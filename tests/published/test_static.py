@@ -49,6 +49,7 @@ def test_constant_offsets_give_the_published_accelerometers():
         np.testing.assert_allclose(sensors.k_a[0], -np.linalg.solve(M, b), atol=1.5e-3)
 
 
+@pytest.mark.slow
 def test_walking_offsets_are_confirmed_by_the_accelerometer_beside_it():
     """The BMI160's readings as a linear function of the forces by the ADXL355, and of time: no standstill's length.
 

@@ -69,7 +69,7 @@ def test_turned_and_drifting(recordings):
     "name",
     [
         pytest.param("abb_mpu9150_300mms_path3", marks=pytest.mark.slow),
-        "abb_lsm9ds0_300mms_path3",
+        pytest.param("abb_lsm9ds0_300mms_path3", marks=pytest.mark.slow),
         "abb_mpu9150_500mms_path4",
     ],
 )

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from kreisel.calibration.calibrate import ESTIMATORS
 from kreisel.inverse.inverse_filter import inverted
@@ -39,6 +40,7 @@ def shown(larger, covariance):
     return np.linalg.eigvalsh((np.linalg.inv(covariance) - np.linalg.inv(prior)) * prior[0, 0])
 
 
+@pytest.mark.slow
 def test_what_data_say_of_a_term_beside_a_walking_offset_is_what_three_ways_say():
     """Of the linearisation, of a filter with the term in its state, and of readings predicted from a spline."""
     problem, ekf = prepared(), ESTIMATORS["ekf"]

@@ -59,7 +59,9 @@ PROBLEMS = {
 }
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in ("poses", "walks") else name for name in PROBLEMS]
+)
 def test_derivatives_are_those_of_the_residuals(name):
     problem = PROBLEMS[name]()
     unknowns, spline, fit = at_a_result(problem)

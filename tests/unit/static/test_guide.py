@@ -66,6 +66,7 @@ def test_who_follows_it_gets_an_accepted_result_within_its_deviations():
     assert (np.abs(faces).max(axis=1) > 0.99).all()  # faces come first
 
 
+@pytest.mark.slow
 def test_it_ends_when_what_is_asked_for_is_reached_and_not_before():
     loose, strict = (Session({"gyroscope.cross_coupling": sd}) for sd in (3e-3, 1e-5))
     steps = followed(loose)
