@@ -67,12 +67,13 @@ def main() -> None:
     """Simulate, fit, compare, write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="recordings of each cell")
+    parser.add_argument("--only", default="", metavar="TEXT", help="cells with this in their names")
     parser.add_argument("-o", "--output", type=Path, required=True, help="a CSV file")
     arguments = parser.parse_args()
     found: dict[str, list[Compared]] = defaultdict(list)
     for seed in range(1, arguments.seeds + 1):
         for name, content in cells():
-            if (one := compared(Cell.model_validate({**content, "seed": seed}))) is None:
+            if arguments.only not in name or (one := compared(Cell.model_validate({**content, "seed": seed}))) is None:
                 continue
             found[name].append(one)
             print(f"{name}, seed {seed}:", *(f"{value:.3g}" for value in one), file=sys.stderr)

@@ -48,6 +48,17 @@ def test_the_table_of_an_arm_is_made(recordings):
     assert float(found["joint 5 (mrad)"]) == pytest.approx(-50.0, abs=5.0)
 
 
+def test_batch_and_sigma_points_agree_though_noise_pulls(tmp_path):
+    """The table in docs/explanation/method.md: one recording in which noise pulls by a deviation."""
+    ended = run("design/estimator_agreement.py", "--seeds", "1", "--only", "5%", "-o", str(tmp_path / "table.csv"))
+    assert ended.returncode == 0, ended.stderr
+    header, row = (line.split(",") for line in (tmp_path / "table.csv").read_text().splitlines())
+    found = dict(zip(header, row, strict=False))
+    assert float(found["pull of noise / sd"]) > 1.0
+    assert float(found["largest difference / sd"]) < 0.3
+    assert float(found["largest difference of deviations"].rstrip("%")) < 5.0
+
+
 def test_phases_are_timed(tmp_path):
     write(simulate(Cell.model_validate({"seconds": 30.0}), tmp_path / "run")[1], tmp_path / "run")
     ended = run("-m", "benchmarks.phases", str(tmp_path / "run"))
