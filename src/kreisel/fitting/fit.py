@@ -19,6 +19,11 @@ from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 
+WIDE_GATE = 100.0
+"""Factor on the gate where it must reject gross errors alone: parameters are still far from their final values, terms
+are looked for that would explain what it rejects, or noise was added to the readings. Chosen: ten times the
+deviations."""
+
 
 @dataclass(frozen=True)
 class Fit:

@@ -60,9 +60,9 @@ def _change_of_rates(problem: Problem) -> float:
     """
     readings, start = problem.sensor.readings, problem.prior.start.sensors
     ends = np.unique([update.last for update in problem.schedule.updates])
-    turned = np.cumsum((readings.rates + start.k_w[0]) * np.gradient(readings.stamps)[:, None], axis=0)[ends]
     seconds = np.diff(readings.stamps[ends])
-    rates = np.diff(turned, axis=0) / seconds[:, None]
+    sums = np.add.reduceat(readings.rates[: ends[-1]], ends[:-1]) if len(ends) > 1 else np.zeros((0, 3))
+    rates = sums / np.diff(ends)[:, None] + start.k_w[0]
     if len(rates) < 2 or not rates.any():
         return 0.0
     changes = np.diff(rates, axis=0) / (0.5 * (seconds[1:] + seconds[:-1]))[:, None]

@@ -9,11 +9,11 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.blocks import Blocks
-from kreisel.fitting.fit import Fit
+from kreisel.fitting.fit import WIDE_GATE, Fit
 from kreisel.fitting.partition import block_ends
 from kreisel.fitting.stored_state import first_belief
 from kreisel.kalman.filter_pass import run_filter
-from kreisel.kalman.linear_run import WIDE_GATE, LinearRun, blocks_of
+from kreisel.kalman.linear_run import LinearRun, blocks_of
 from kreisel.kalman.prior_exchange import elimination, narrowed_belief, start_near, with_stated_prior
 from kreisel.kalman.run_slopes import Slopes
 from kreisel.model.parameters import CellParameters

@@ -22,9 +22,6 @@ from kreisel.kalman.sensitivity import Sensitivity
 from kreisel.model.parameters import WALKING_GROUPS
 from kreisel.model.problem import Problem
 
-WIDE_GATE = 100.0
-"""Factor on the gate where terms are looked for: what they would explain is no gross error."""
-
 
 @dataclass(frozen=True)
 class LinearRun:

@@ -16,7 +16,7 @@ import numpy as np
 
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.fit import WIDE_GATE, Estimator, Fit
 from kreisel.fitting.result_change import regression_on_parameters, result_moved
 from kreisel.geometry.rotation import Array, Indices, exp, multiply
 from kreisel.model.problem import Problem, with_readings
@@ -62,7 +62,8 @@ def pull_of_noise(
     -----
     Simulation and extrapolation (Cook and Stefanski 1994), with noise of both signs: what is proportional to the noise
     cancels in the mean of both, and what is proportional to its power is left. Noise that is assumed, but that the
-    readings do not have, is not added.
+    readings do not have, is not added. The gate is wide: an update that more noise makes it reject moves the parameters
+    by more than what is looked for, in recordings of few updates by many deviations.
     """
     worth = (
         g in problem.layout and _bound(problem, run, g, _most(run, _SHOWN_BY[sensor])) > _NEGLIGIBLE
@@ -72,7 +73,8 @@ def pull_of_noise(
         return None
     rng, draws = np.random.default_rng(_SEED), math.ceil(_ENOUGH / len(problem.schedule.updates))
     noisier = [one for _ in range(min(draws, _MAX_DRAWS)) for one in _with_more_noise(problem, rng)]
-    base, *others = executor([partial(estimator.refit, one, run, progress=progress) for one in (problem, *noisier)])
+    refit = partial(estimator.refit, near=run, gate=WIDE_GATE, progress=progress)
+    base, *others = executor([partial(refit, one) for one in (problem, *noisier)])
     n = len(problem.parameter_names)
     means = np.column_stack([one.belief.mean for one in others])
     return np.asarray(problem.layout.minus(means, base.belief.mean)[:n].mean(axis=1))

@@ -11,7 +11,7 @@ from kreisel.errors import EstimationError
 from kreisel.estimation.consistency import gate_bounds
 from kreisel.estimation.uncertainty import Contribution, scaling
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.fitting.fit import Estimator, Fit, Linearised
+from kreisel.fitting.fit import WIDE_GATE, Estimator, Fit, Linearised
 from kreisel.fitting.nonlinearity import curved
 from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
@@ -39,9 +39,6 @@ from kreisel.refinement.parameter_walk import found_walks, may_walk
 from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, prior_penalty, with_wider_priors
 from kreisel.refinement.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
 from kreisel.tasks import Executor, sequential
-
-WIDE_GATE = 100.0
-"""Factor on the gate in the first pass, in which the parameters are still far from their final values."""
 
 MAX_NOISE_PASSES = 8
 """Largest number of passes to find noise figures where none are given or the given ones are contradicted."""

@@ -9,18 +9,24 @@ from kreisel.estimation.belief import Belief
 from kreisel.estimation.uncertainty import total
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import with_readings
+from kreisel.refinement import attenuation
 from kreisel.refinement.attenuation import _profile, pull_of_noise, without_attenuation
 
 from ...small_problem import camera_problem, with_noise
 
 
-@pytest.fixture(scope="module")
-def weak():
-    """Poses far better than the accelerometers, and matrices of which little is known."""
+def noisy_problem():
+    """Poses far better than the accelerometers."""
     problem = camera_problem()
     noise = problem.noise.reference.scaled(position=0.1, orientation=1.0, standstill=0.1)
     problem = with_noise(problem, reference=noise, observed=np.full((2, 3), np.inf))
-    problem = with_readings(problem, problem.sensor.readings.with_noise(1.0, 30.0))
+    return with_readings(problem, problem.sensor.readings.with_noise(1.0, 30.0))
+
+
+@pytest.fixture(scope="module")
+def weak():
+    """Poses far better than the accelerometers, and matrices of which little is known."""
+    problem = noisy_problem()
     run = KalmanFilter().fit(problem)
     i = problem.layout["accel_cross_coupling"]
     factor = run.belief.factor.copy()
@@ -45,6 +51,24 @@ def test_there_is_none_to_speak_of_with_quiet_sensors():
     problem = camera_problem()
     quiet = with_readings(problem, problem.sensor.readings.with_noise(0.1, 0.1))
     assert pull_of_noise(quiet, KalmanFilter().fit(quiet), KalmanFilter()) is None
+
+
+def test_noise_that_comes_within_a_second_pulls_by_no_more_than_it_does(monkeypatch):
+    """As much noise again in that second makes updates beyond the gate; their loss, by chance, is no pull of noise."""
+    problem = noisy_problem()
+    readings = problem.sensor.readings
+    middle = np.abs(readings.stamps - readings.stamps.mean()) < 0.5
+    shaken = readings.accelerations.copy()
+    size = np.sqrt(readings.noise[1] / np.median(np.diff(readings.stamps)))
+    shaken[middle] += size * np.random.default_rng(1).standard_normal((np.sum(middle), 3))
+    problem = with_readings(problem, replace(readings, accelerations=shaken, _ready={}, _crossing={}))
+    run, n = KalmanFilter().fit(problem), len(problem.parameter_names)
+    found = []
+    for seed in range(4):
+        monkeypatch.setattr(attenuation, "_SEED", seed)
+        found.append(pull_of_noise(problem, run, KalmanFilter()) / run.belief.standard_deviation[:n])
+    assert np.abs(np.mean(found, axis=0)).max() < 0.3
+    assert np.std(found, axis=0).max() < 0.15
 
 
 @pytest.mark.parametrize(("noise", "tolerance"), [(0.01, 1e-5), (0.1, 2e-3), (0.3, 0.03)])
