@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from tests.navigation import SensorColumns, preintegrate
 
+from kreisel.calibration.calibrate import ESTIMATORS
 from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.kalman.filter_pass import run_filter
 from kreisel.model.calibration_settings import CalibrationSettings
@@ -68,6 +69,14 @@ def test_filter(benchmark: Any, recording: Recording, unit: float, robot: bool) 
     benchmark.pedantic(run_filter, args=(problem, problem.prior.start), rounds=3)
     benchmark.extra_info["states"] = problem.layout.degrees
     benchmark.extra_info["multiple"] = benchmark.stats.stats.median / unit
+
+
+@pytest.mark.parametrize("name", ["ekf", "spkf", "batch"])
+def test_estimators(benchmark: Any, recording: Recording, unit: float, name: str) -> None:
+    """A fit from the start values with the robot's errors: one pass of a filter, all iterations of the batch."""
+    problem = problem_of(recording, robot=True)
+    benchmark.pedantic(ESTIMATORS[name].fit, args=(problem,), rounds=3, warmup_rounds=1)
+    benchmark.extra_info["multiple"] = benchmark.stats.stats.min / unit
 
 
 def test_preparation(benchmark: Any, recording: Recording) -> None:

@@ -82,6 +82,11 @@ EXPORTED int KREISEL(double_integral)(ConstNumbers stamps, ConstTable values, In
     return DONE;
 }
 
+EXPORTED int KREISEL(interpolate)(ConstNumbers stamps, ConstTable values, ConstNumbers moments, WrittenIndices after, Table out) {
+    interpolate(stamps, values, moments, after, out);
+    return DONE;
+}
+
 EXPORTED int KREISEL(integrate_attitude)(ConstNumbers stamps, ConstTable rates, ConstTable integrals, ConstTable coefficients, Table q) {
     integrate_attitude(stamps, rates, integrals, coefficients, q);
     return DONE;

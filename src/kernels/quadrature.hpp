@@ -1,4 +1,4 @@
-/// Integrals and derivatives of sampled signals at arbitrary stamps, by local quintic and quartic polynomials.
+/// Integrals, derivatives and values of sampled signals at arbitrary stamps, by local polynomials.
 #pragma once
 
 #include "samples.hpp"
@@ -109,6 +109,32 @@ inline void double_integral(ConstNumbers stamps, ConstTable values, Indices befo
             for (; at < before.count && before[at] == k; at++) out(at, axis) = twice + share[at] * (twice_next - twice);
             once = once_next;
             twice = twice_next;
+        }
+    }
+}
+
+/// Write the value of every column of values (n, c) at ascending moments (m,) by the cubic through the four samples around
+/// each, (m, c), and the place of the sample after it, (m,): the second to the last.
+inline void interpolate(ConstNumbers stamps, ConstTable values, ConstNumbers moments, WrittenIndices after, Table out) {
+    constexpr Index NODES = 4;
+    const Index n = stamps.count;
+    Index next = 1;
+    for (Index i = 0; i < moments.count; i++) {
+        while (next < n - 1 && stamps[next] <= moments[i]) next++;
+        after[i] = next;
+        const Index first = next < 2 ? 0 : next > n - 2 ? n - NODES : next - 2;
+        double x[NODES];
+        for (Index k = 0; k < NODES; k++) x[k] = stamps[first + k] - moments[i];
+        for (Index c = 0; c < values.columns; c++) out(i, c) = 0.0;
+        for (Index k = 0; k < NODES; k++) {
+            double above = 1.0, below = 1.0;
+            for (Index j = 0; j < NODES; j++) {
+                if (j == k) continue;
+                above *= x[j];
+                below *= x[j] - x[k];
+            }
+            const double weight = above / below;  // Lagrange's
+            for (Index c = 0; c < values.columns; c++) out(i, c) += weight * values(first + k, c);
         }
     }
 }

@@ -1,4 +1,4 @@
-"""Integrals and derivatives of sampled signals at arbitrary stamps, by local quintic and quartic polynomials."""
+"""Integrals, derivatives and values of sampled signals at arbitrary stamps, by local polynomials."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from kreisel._kernels.compiled import check_count, function
 from kreisel._kernels.views import Array, Indices, IndicesView, NumbersView, TableView, check_indices, check_lengths
 
 POINTS = 6
-"""Samples each interpolating polynomial goes through."""
+"""Samples each polynomial goes through that is integrated."""
 
 check_count("stencil", POINTS)
 
@@ -14,6 +14,7 @@ _interval_weights = function("interval_weights", NumbersView, IndicesView, Table
 _integrate_intervals = function("integrate_intervals", IndicesView, TableView, TableView, TableView)
 _differentiate = function("differentiate", NumbersView, IndicesView, TableView, TableView)
 _double_integral = function("double_integral", NumbersView, TableView, IndicesView, NumbersView, TableView)
+_interpolate = function("interpolate", NumbersView, TableView, NumbersView, IndicesView, TableView)
 _integrate_attitude = function("integrate_attitude", NumbersView, TableView, TableView, TableView, TableView)
 
 
@@ -63,6 +64,19 @@ def double_integral(stamps: Array, values: Array, before: Indices, share: Array,
     check_lengths(stamps=(stamps, (n,)), share=(share, (m,)), out=(out, (m, k)))
     check_indices("before", before, 0, n - 1)
     _double_integral(stamps, values, before, share, out)
+
+
+def interpolate(stamps: Array, values: Array, moments: Array, after: Indices, out: Array) -> None:
+    """Write the values (n, c) at ascending moments (m,) by the cubic through the four samples around each, (m, c).
+
+    after (m,): the place of the sample after each moment, from the second to the last. stamps (n,), at least four.
+    """
+    n, c = values.shape
+    m = moments.size
+    if n < 4:
+        raise ValueError(f"a cubic needs four samples, got {n}")
+    check_lengths(stamps=(stamps, (n,)), after=(after, (m,)), out=(out, (m, c)))
+    _interpolate(stamps, values, moments, after, out)
 
 
 def integrate_attitude(stamps: Array, rates: Array, integrals: Array, coefficients: Array, q: Array) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel._kernels.quadrature import interpolate
 from kreisel.array.lower_rate import smoothed, window_for
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.slopes import LONGEST_GAP, usual_interval
@@ -51,22 +51,21 @@ def resampled(imu: ImuSamples, clock: Clock, times: Array, *, smooth: bool = Fal
     """
     own = imu.seconds
     tau = clock.reference_time(times)
-    last = np.clip(np.searchsorted(own, tau, side="right"), 1, own.size - 1)
-    first = np.clip(last - 2, 0, own.size - 4)
-    known = (tau >= own[0]) & (tau <= own[-1])
-    known &= (own[last] - own[last - 1]) <= max(LONGEST_GAP, 5.0 * usual_interval(own))
+    longest, ends = max(LONGEST_GAP, 5.0 * usual_interval(own)), (own[0], own[-1])
     clipped = clipped_samples(imu.rates) | clipped_samples(imu.accelerations)
     window = window_for(imu, usual_interval(times)) if smooth else 1
     if window > 1:
         imu, _ = smoothed(imu, window)
         clipped = np.convolve(clipped, np.ones(window), "same") > 0.5
         own = imu.seconds
+    joined, after = _joined(imu), np.empty(times.size, dtype=np.int64)
+    values = np.empty((times.size, joined.shape[1]))
+    interpolate(own, joined, tau, after, values)
+    known = (tau >= ends[0]) & (tau <= ends[1]) & (own[after] - own[after - 1] <= longest)
     if clipped.any():
+        first = np.clip(after - 2, 0, own.size - 4)
         known &= ~(clipped[first] | clipped[first + 1] | clipped[first + 2] | clipped[first + 3])
-    weights, joined = _lagrange([own[first + k] - tau for k in range(4)]), _joined(imu)
-    values = np.zeros((times.size, joined.shape[1]))
-    for k in range(4):
-        values += np.where(known, weights[k], 0.0)[:, None] * joined[first + k]
+    values[~known] = 0.0
     temperature = values[:, 6] if imu.temperature is not None else None
     return Resampled(values[:, :3], values[:, 3:6], temperature, known)
 
@@ -74,18 +73,6 @@ def resampled(imu: ImuSamples, clock: Clock, times: Array, *, smooth: bool = Fal
 def _joined(imu: ImuSamples) -> Array:
     parts = [imu.rates, imu.accelerations]
     return np.hstack(parts if imu.temperature is None else [*parts, imu.temperature[:, None]])
-
-
-def _lagrange(x: Sequence[Array]) -> list[Array]:
-    """Return weights (n,) of values at four x (n,) in that at zero of the cubic through them."""
-    out = []
-    for k, own in enumerate(x):
-        others = [x[j] for j in range(4) if j != k]
-        above, below = others[0] * others[1] * others[2], np.ones_like(own)
-        for other in others:
-            below *= other - own
-        out.append(above / below)
-    return out
 
 
 def clipped_samples(values: Array) -> Mask:

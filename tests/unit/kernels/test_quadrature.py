@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kreisel._kernels.quadrature import double_integral
+from kreisel._kernels.quadrature import double_integral, interpolate
 from kreisel.inertial.strapdown import prepare
 
 
@@ -63,3 +63,29 @@ def test_double_integral_of_a_broken_line():
     double_integral(t, values, before, (moments - t[before]) / np.diff(t)[before], out)
     for axis in range(3):
         np.testing.assert_allclose(out[:, axis], np.interp(moments, t, twice[:, axis]), atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [4, 60])
+def test_cubics_are_interpolated_exactly(stamps, count):
+    """Also before the first sample and after the last; at a sample, the sample."""
+    t = stamps[:count] - stamps[0]
+    cubics = np.random.default_rng(5).normal(size=(7, 4))
+    values = np.column_stack([np.polyval(c, t) for c in cubics])
+    moments = np.sort(np.concatenate([t, np.random.default_rng(6).uniform(t[0] - 0.003, t[-1] + 0.003, 200)]))
+    out, after = np.empty((moments.size, 7)), np.empty(moments.size, dtype=np.int64)
+    interpolate(t, values, moments, after, out)
+    np.testing.assert_allclose(out, np.column_stack([np.polyval(c, moments) for c in cubics]), atol=1e-13)
+    np.testing.assert_array_equal(after, np.clip(np.searchsorted(t, moments, side="right"), 1, count - 1))
+    np.testing.assert_allclose(out[np.searchsorted(moments, t)], values, atol=1e-15)
+
+
+def test_the_four_samples_around_a_moment_count_and_no_others(stamps):
+    values, middle = np.zeros((60, 1)), 0.5 * (stamps[29] + stamps[30])
+    out, after = np.empty((1, 1)), np.empty(1, dtype=np.int64)
+    for k in range(60):
+        values[:] = 0.0
+        values[k] = 1.0
+        interpolate(stamps, values, np.array([middle]), after, out)
+        assert (out[0, 0] != 0.0) == (28 <= k <= 31)
+    with pytest.raises(ValueError, match="a cubic needs four samples, got 3"):
+        interpolate(stamps[:3], values[:3], np.array([middle]), after, out)
