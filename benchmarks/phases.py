@@ -46,7 +46,7 @@ def _started(scratch: Path) -> dict[str, float]:
     kept = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(scratch / "bytecode")}
     for _ in range(2):
         laps = _Laps()
-        imports = "import kreisel.cli.main, kreisel.calibration.calibrate"
+        imports = "from kreisel.cli.main import prepare_process as p; p(); import kreisel.calibration.calibrate"
         subprocess.run([sys.executable, "-c", imports], check=True, env=kept)
         laps.end("start Python, imports")
     return laps.phases
@@ -66,11 +66,13 @@ def _simulated(scratch: Path) -> Path:
 def _calibrated(folder: Path, scratch: Path) -> tuple[dict[str, float], float]:
     """Return the duration of each phase of a calibration, and of a strapdown pass over the same samples, s."""
     from kreisel.calibration.calibrate import run_calibration
+    from kreisel.cli.main import prepare_process
     from kreisel.cli.threads import in_threads
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.report.report_page import write_report
 
+    prepare_process()
     laps = _Laps()
     recording = load(folder, executor=in_threads)
     laps.end("read and check")

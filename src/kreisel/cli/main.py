@@ -147,8 +147,7 @@ def run() -> None:
     """Run the command line; print our errors as one line on standard error and exit with status 1."""
     os.environ["PYTHONSAFEPATH"] = "1"  # nor do processes that are started from here look there
     keep_from_terminal()
-    gc.set_threshold(_ALLOCATIONS, 20, 50)
-    _keep_freed_memory()
+    prepare_process()
     try:
         app()
     except UnknownColumnsError as error:
@@ -171,8 +170,12 @@ def run() -> None:
         gc.freeze()  # no garbage collection is needed any more: the process ends
 
 
-def _keep_freed_memory() -> None:
-    """Let the C library keep freed memory: new pages, zeroed by the system, took a tenth of a command's time."""
+def prepare_process() -> None:
+    """Let this process collect garbage rarely, and keep freed memory.
+
+    New pages, zeroed by the system, took a tenth of a command's time.
+    """
+    gc.set_threshold(_ALLOCATIONS, 20, 50)
     with suppress(OSError, AttributeError):  # C libraries of other systems do not have it
         libc = ctypes.CDLL(None)
         libc.mallopt(_M_TRIM_THRESHOLD, 1 << 30)

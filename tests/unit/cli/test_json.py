@@ -29,7 +29,7 @@ def ended(monkeypatch, capsys):
         monkeypatch.setattr("kreisel.cli.main.keep_from_terminal", lambda: None)
         for name in ("set_threshold", "freeze"):
             monkeypatch.setattr(f"kreisel.cli.main.gc.{name}", lambda *_: None)
-        monkeypatch.setattr("kreisel.cli.main._keep_freed_memory", lambda: None)
+        monkeypatch.setattr("kreisel.cli.main.prepare_process", lambda: None)
         monkeypatch.setenv("PYTHONSAFEPATH", "")
         with pytest.raises(SystemExit) as status:
             run()
