@@ -11,7 +11,7 @@ import numpy as np
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.correction import Block, corrected
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
-from kreisel.inertial.slopes import LocalCubics, local_cubics, usual_interval
+from kreisel.inertial.slopes import LocalCubics
 
 _STEP = 1e-5
 """SI; step of the difference quotients by the parameters. Chosen: they are linear or bilinear; rounding is 1e-11."""
@@ -59,8 +59,7 @@ class BodyMotion:
     def of(cls, raw: Block, sensors: SensorParameters) -> BodyMotion:
         """Return the motion that raw readings show with parameters."""
         seen = corrected(raw, sensors, SizeEffect.COMPLETED)
-        cubics = local_cubics(raw.stamps, usual_interval(raw.stamps))
-        return cls(raw.stamps, seen.rates, cubics.slopes(seen.rates), seen.forces, cubics)
+        return cls(raw.stamps, seen.rates, raw.cubics.slopes(seen.rates), seen.forces, raw.cubics)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from kreisel.inertial.sensor_model import (
     correct_angular_rate,
     correct_specific_force,
 )
-from kreisel.inertial.slopes import REACH, SAMPLES, USUAL, local_cubics, run_starts, usual_interval
+from kreisel.inertial.slopes import REACH, SAMPLES, USUAL, LocalCubics, local_cubics, run_starts, usual_interval
 from kreisel.inertial.strapdown import without_effects
 
 
@@ -34,6 +35,11 @@ class Block:
     def __len__(self) -> int:
         """Return the number of samples."""
         return int(self.stamps.size)
+
+    @cached_property
+    def cubics(self) -> LocalCubics:
+        """By which values are differentiated at these samples, whose usual interval is their own."""
+        return local_cubics(self.stamps, usual_interval(self.stamps))
 
     def part(self, start: int, stop: int | None = None) -> Block:
         """Return the samples from `start` to before `stop`."""
@@ -65,7 +71,7 @@ def corrected(raw: Block, sensors: SensorParameters, form: SizeEffect, usual: fl
     Equations (1) and (2). Derivatives are those of `slopes.local_cubics`: of the corrected angular rate for the lever
     arms, of the raw accelerations for their delay and smoothing.
     """
-    cubics = local_cubics(raw.stamps, usual_interval(raw.stamps) if usual is None else usual)
+    cubics = raw.cubics if usual is None else local_cubics(raw.stamps, usual)
     temperature_difference = np.zeros(len(raw)) if raw.temperature_difference is None else raw.temperature_difference
     readings = RawReadings(raw.stamps, raw.rates, raw.forces, cubics.slopes, cubics.curvatures, temperature_difference)
     rates, accelerations = without_effects(readings, sensors)

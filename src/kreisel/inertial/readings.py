@@ -6,8 +6,10 @@ chunks in use are kept in memory.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +27,17 @@ _SHORTEST = 6  # intervals of a segment that is integrated by stencils
 _HELD = 4
 """Prepared chunks that are kept: 20 MB each, 300 bytes a sample (decision 10 in docs/decisions). Chosen: tasks that run
 side by side are in different chunks."""
+
+
+_FAMILY = 2
+"""Sets of effects for which the same readings are kept prepared: those of two passes in turn."""
+
+
+class _Prepared(NamedTuple):
+    """Chunks by their first samples, and signals across the ends of chunks by first and last sample."""
+
+    chunks: dict[int, InertialSignal]
+    across: dict[tuple[int, int], InertialSignal]
 
 
 @dataclass(frozen=True)
@@ -56,8 +69,7 @@ class Readings:
     temperature_difference: Array | None = None
     estimated: Mapping[str, int] = field(default_factory=dict)
     applied: Mapping[str, Array] = field(default_factory=dict)
-    _ready: dict[int, InertialSignal] = field(default_factory=dict, repr=False, compare=False)
-    _crossing: dict[tuple[int, int], InertialSignal] = field(default_factory=dict, repr=False, compare=False)
+    _family: dict[Hashable, _Prepared] = field(default_factory=dict, repr=False, compare=False)
 
     def with_noise(self, gyro: float, accel: float) -> Readings:
         """Return the readings with their noise's standard deviations multiplied by factors."""
@@ -71,7 +83,24 @@ class Readings:
         )
         if same and dict(estimated) == dict(self.estimated):
             return self
-        return replace(self, estimated=dict(estimated), applied=applied, _ready={}, _crossing={})
+        return replace(self, estimated=dict(estimated), applied=applied)
+
+    def with_values(self, *, rates: Array | None = None, accelerations: Array | None = None) -> Readings:
+        """Return other readings (n, 3) of the same samples."""
+        rates = self.rates if rates is None else rates
+        accelerations = self.accelerations if accelerations is None else accelerations
+        return replace(self, rates=rates, accelerations=accelerations, _family={})
+
+    @cached_property
+    def _prepared(self) -> _Prepared:
+        """What is prepared of these readings with these effects; of others, that of the last ones is kept."""
+        applied = tuple((group, np.asarray(self.applied[group]).tobytes()) for group in sorted(self.applied))
+        key = (tuple(sorted(self.estimated.items())), applied)
+        found = self._family.pop(key, None) or _Prepared({}, {})
+        self._family[key] = found
+        for oldest in list(self._family)[:-_FAMILY]:
+            self._family.pop(oldest, None)
+        return found
 
     def segment_of(self, sample: int) -> int | None:
         """Return the index of the segment a sample lies in, or None."""
@@ -109,11 +138,12 @@ class Readings:
 
     def _across(self, first: int, last: int) -> InertialSignal:
         """Return the signal around a motion from one chunk to the next; the last few are kept."""
-        signal = self._crossing.get((first, last))
+        kept = self._prepared.across
+        signal = kept.get((first, last))
         if signal is None:
-            signal = self._crossing[first, last] = self._between(first - _REACH, last + _REACH)
-            for oldest in list(self._crossing)[:-_HELD]:
-                self._crossing.pop(oldest, None)
+            signal = kept[first, last] = self._between(first - _REACH, last + _REACH)
+            for oldest in list(kept)[:-_HELD]:
+                kept.pop(oldest, None)
         return replace(signal, samples=signal.samples._replace(noise=self.noise))
 
     def _good_until(self, signal: InertialSignal) -> int:
@@ -127,15 +157,16 @@ class Readings:
 
     def _usual(self, start: int) -> InertialSignal:
         """Return the chunk that begins at one of the `_starts`; it is kept in memory for the next call."""
-        signal = self._ready.get(start)
+        kept = self._prepared.chunks
+        signal = kept.get(start)
         if signal is None:
             last = start == self._starts()[-1]
             signal = self._between(start - _REACH, self.stamps.size - 1 if last else start + CHUNK + _REACH)
         # The most recent one is deleted last. Other threads may do the same: no step here depends on the one before.
-        self._ready.pop(start, None)
-        self._ready[start] = signal
-        for oldest in list(self._ready)[:-_HELD]:
-            self._ready.pop(oldest, None)
+        kept.pop(start, None)
+        kept[start] = signal
+        for oldest in list(kept)[:-_HELD]:
+            kept.pop(oldest, None)
         return replace(signal, samples=signal.samples._replace(noise=self.noise))
 
     def _between(self, low: int, high: int) -> InertialSignal:

@@ -155,10 +155,9 @@ def _with_more_noise(problem: Problem, rng: np.random.Generator) -> tuple[Proble
         turned = rng.normal(0.0, size, (moving.size, 3)) * moving[:, None]
 
     def with_sign(sign: float) -> Problem:
-        noisy = replace(
-            readings, rates=readings.rates + sign * added[0], accelerations=readings.accelerations + sign * added[1],
-            _ready={}, _crossing={},
-        )  # fmt: skip
+        noisy = readings.with_values(
+            rates=readings.rates + sign * added[0], accelerations=readings.accelerations + sign * added[1]
+        )
         if turned is None or reference.quaternions is None:
             return with_readings(problem, noisy)
         moved = replace(reference, quaternions=multiply(reference.quaternions, exp(sign * turned)))

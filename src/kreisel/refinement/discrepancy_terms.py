@@ -297,12 +297,8 @@ class DiscrepancyTerms:
         recorded = self._recorded
         readings, reference = recorded.sensor.readings, recorded.reference
         gyro, accel = (self._of_sensor(amplitudes, owner) for owner in _SENSORS)
-        changed = replace(
-            problem.sensor.readings,
-            rates=readings.rates + gyro,
-            accelerations=readings.accelerations + accel,
-            _ready={},
-            _crossing={},
+        changed = problem.sensor.readings.with_values(
+            rates=readings.rates + gyro, accelerations=readings.accelerations + accel
         )
         moved = self._of_poses(amplitudes, len(reference.stamps_ns))
         if reference.positions is not None:

@@ -156,7 +156,7 @@ def test_an_offset_that_steps_in_the_middle_shows_as_large_as_it_is(steady):
     step = np.array([2e-4, -3e-4, 1e-4])
     rates = problem.sensor.readings.rates.copy()
     rates[middle:] += step
-    readings = replace(problem.sensor.readings, rates=rates, _ready={})
+    readings = problem.sensor.readings.with_values(rates=rates)
     stepped = with_readings(problem, readings)
     found = split_halves(estimate_of(stepped, KalmanFilter().fit(stepped)))
     d = problem.layout["gyro_offset"]

@@ -85,7 +85,7 @@ def test_time_is_widened_until_the_square_of_its_error_turns_by_a_share_of_what_
     problem = build_problem(prepared(), CalibrationSettings(skew=True))
     readings, w = problem.sensor.readings, 2.0
     wave = np.outer(np.cos(w * readings.stamps), [0.3, -0.2, 0.1]) - problem.prior.start.sensors.k_w[0]
-    problem = with_readings(problem, replace(readings, rates=wave, _ready={}, _crossing={}))
+    problem = with_readings(problem, readings.with_values(rates=wave))
     P = 1e-18 * np.eye(len(problem.parameter_names))
     i, j = problem.layout["time_offset"].start, problem.layout["time_skew"].start
     P[[i, j], [i, j]], P[[i, j], [j, i]] = (offset**2, skew**2), -0.5 * offset * skew

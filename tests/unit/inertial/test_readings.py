@@ -75,7 +75,24 @@ def test_only_a_few_stretches_are_held() -> None:
     r = some()
     for _ in r.chunks():
         r.holding(1000, 1100)
-    assert len(r._ready) <= module._HELD
+    assert len(r._prepared.chunks) <= module._HELD
+
+
+def test_readings_with_effects_are_prepared_once() -> None:
+    r = some()
+    effects = [{"gyro_g_sensitivity": np.full(9, size)} for size in (0.0, 1e-3, 2e-3)]
+    plain, one, two = (r.with_effects({}, applied) for applied in effects)
+    assert plain is r
+    (first, *_), (bent, *_) = plain.chunks(), one.chunks()
+    assert (bent.rates != first.rates).any()
+    again = r.with_effects({}, {"gyro_g_sensitivity": np.full(9, 1e-3)}).with_noise(2.0, 1.0)
+    assert next(again.chunks()).samples.rates is bent.samples.rates
+    assert next(two.chunks()).samples.rates is not bent.samples.rates
+    assert next(r.with_effects({"gyro_g_sensitivity": 9}, effects[1]).chunks()).samples.rates.shape[0] == 7
+    assert len(r._family) == module._FAMILY
+    np.testing.assert_array_equal(next(plain.chunks()).rates, first.rates)
+    other = one.with_values(rates=r.rates + 1.0)
+    np.testing.assert_allclose(next(other.chunks()).rates, bent.rates + 1.0)
 
 
 @pytest.mark.usefixtures("short")

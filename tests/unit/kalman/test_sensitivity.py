@@ -51,7 +51,7 @@ def with_term(problem, row, size):
     if row < 6:
         values = [readings.rates.copy(), readings.accelerations.copy()]
         values[row // 3][:, row % 3] += size * of_readings
-        changed = replace(readings, rates=values[0], accelerations=values[1], _ready={}, _crossing={})
+        changed = readings.with_values(rates=values[0], accelerations=values[1])
         return with_readings(problem, changed)
     moved = np.zeros((of_poses.size, 6))
     if row == 12:

@@ -61,7 +61,7 @@ def test_noise_that_comes_within_a_second_pulls_by_no_more_than_it_does(monkeypa
     shaken = readings.accelerations.copy()
     size = np.sqrt(readings.noise[1] / np.median(np.diff(readings.stamps)))
     shaken[middle] += size * np.random.default_rng(1).standard_normal((np.sum(middle), 3))
-    problem = with_readings(problem, replace(readings, accelerations=shaken, _ready={}, _crossing={}))
+    problem = with_readings(problem, readings.with_values(accelerations=shaken))
     run, n = KalmanFilter().fit(problem), len(problem.parameter_names)
     found = []
     for seed in range(4):

@@ -31,7 +31,7 @@ def with_gyro_error(problem, size):
     error -= usual @ np.linalg.lstsq(usual, error, rcond=None)[0]
     rates = w.copy()
     rates[:, 2] += size * error / error.std()
-    return with_readings(problem, replace(readings, rates=rates, _ready={}, _crossing={}))
+    return with_readings(problem, readings.with_values(rates=rates))
 
 
 @cache

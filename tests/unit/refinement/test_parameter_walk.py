@@ -1,7 +1,5 @@
 """Scores of random walks: by chance where nothing walks, far beyond it where something does."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -24,7 +22,7 @@ def walking(field, size):
     problem = camera_problem()
     readings = problem.sensor.readings
     steps = np.random.default_rng(3).normal(size=readings.rates.shape) * size / len(readings.rates) ** 0.5
-    changed = replace(readings, **{field: getattr(readings, field) + np.cumsum(steps, axis=0)}, _ready={}, _crossing={})
+    changed = readings.with_values(**{field: getattr(readings, field) + np.cumsum(steps, axis=0)})
     return with_readings(problem, changed)
 
 
