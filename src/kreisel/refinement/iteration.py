@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -357,17 +358,19 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         walk = None
         clean = quiet is problem and correlation == 1.0  # else the size of a score by chance is not known
         if not clean or may_walk(quiet, linear):
-            walk = found_walks(problem, run, work.estimator, least, step)
+            walk = found_walks(problem, run, work.estimator, least, step, work.executor)
         chosen = () if found is None else selected(found)
         if walk is None and correlation > _LASTING and _contradiction(first, problem, work.given) > _HARDLY_NOISE:
             again = work.estimator.repeat(quiet, run, step)
-            walk = found_walks(quiet, again, work.estimator, least, step)
+            walk = found_walks(quiet, again, work.estimator, least, step, work.executor)
         larger = [] if walk is None else [(walk[0], run)]
         larger += [found.conditioned(chosen)] if found is not None and chosen else []
         as_it_is = replace(passes, count=count, survey=found, surveyed=problem)
         if not larger:
             return as_it_is
-        tried = [_until_settled(with_noise_of(first, one), count, work, begun) for one, begun in larger]
+        tried = work.executor(
+            [partial(_until_settled, with_noise_of(first, one), count, work, begun) for one, begun in larger]
+        )
         if problem.noise.correlation_time == 0.0:
             coloured = _with_coloured_noise(passes, work)
             tried += [coloured] if coloured.problem is not problem else []

@@ -7,6 +7,7 @@ a random walk explains: the filter then forgets what it learnt of it long ago.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from kreisel.model.parameters import WALKING_GROUPS
 from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import bounded_likelihood
+from kreisel.tasks import Executor, sequential
 
 _FIRST, _STEP, _MAX_STEPS = 3.0, 3.0, 12
 """Standard deviations that the first walk covers over the whole run; factor from one to the next; largest number."""
@@ -36,13 +38,15 @@ def may_walk(problem: Problem, linear: Linearised) -> bool:
 
 
 def found_walks(
-    problem: Problem, run: Fit, estimator: Estimator, least: float, progress: StepProgress | None = None
-) -> tuple[Problem, dict[str, float]] | None:
+    problem: Problem, run: Fit, estimator: Estimator, least: float, progress: StepProgress | None = None,
+    executor: Executor = sequential,
+) -> tuple[Problem, dict[str, float]] | None:  # fmt: skip
     """Return the problem with the walks that raise the likelihood of its run most, and what each gains.
 
     None if that is below `least`.
 
     All are tried together first; only if that gains, each by itself, and with growing density as long as it gains.
+    Where tasks run at the same time, the next larger density is tried beside one.
     """
     groups = [g for g in WALKING_GROUPS if g in problem.layout]
     if not groups:
@@ -61,15 +65,22 @@ def found_walks(
     walks: dict[str, float] = {}
     gains: dict[str, float] = {}
     best = base
+    together = 1 if executor is sequential else 2
     for group in groups:
         density = max(min_densities[group], problem.noise.offset_walk.get(group, 0.0))
-        for _ in range(_MAX_STEPS):
-            now = likelihood(walks | {group: density})
-            if now < best + (least if group not in walks else 0.0):
+        larger = density * _STEP ** np.arange(_MAX_STEPS)
+        for k in range(0, _MAX_STEPS, together):
+            tried = larger[k : k + together]
+            for one, now in zip(
+                tried, executor([partial(likelihood, walks | {group: one}) for one in tried]), strict=True
+            ):
+                if growing := now >= best + (least if group not in walks else 0.0):
+                    gains[group] = gains.get(group, 0.0) + now - best
+                    walks[group], best = float(one), now
+                else:
+                    break
+            if not growing:
                 break
-            gains[group] = gains.get(group, 0.0) + now - best
-            walks[group], best = density, now
-            density *= _STEP
     if best < base + least or not walks:
         return None
     return with_walks(problem, problem.noise.offset_walk | walks), gains
