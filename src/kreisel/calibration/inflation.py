@@ -13,6 +13,7 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
+from kreisel.kalman.batch import path_near
 from kreisel.model.parameters import DELAYS, GROUPS, SMOOTHINGS
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
@@ -70,15 +71,22 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
 
 
 def with_walked_deviations(found: Estimate) -> Estimate:
-    """Return the estimate with deviations of what walks that include how far it walks.
+    """Return the estimate with deviations of what walks that include how far it walked.
 
-    By the distance of two moments of the recording, on average: the value at the end is known better, but it is not
-    the device's.
+    By the distance of the value at the end from those at other moments of the recording, on average: the former is
+    known better, but it is not the device's. What walks is known within the deviations at the end, but no worse than by
+    the walk itself, whose mean square distance is half its variance over the recording. An error that only comes and
+    goes looks like a walk of great density, but leads nowhere.
     """
     problem, layout = found.problem, found.problem.layout
-    out = []
+    if not found.walks:
+        return found
+    out, path, variance = [], path_near(problem, found.run), np.diag(found.run.belief.covariance)
     for group in found.walks:
-        columns = each(layout.degrees, layout[group], (0.5 * walked_variance(problem, group)) ** 0.5)
+        own = path[:, layout.stored(group)]
+        walked = np.mean((own - own[-1]) ** 2, axis=0)
+        unknown = np.minimum(2.0 * variance[layout[group]], 0.5 * walked_variance(problem, group))
+        columns = each(layout.degrees, layout[group], np.sqrt(walked + unknown))
         source = Source.CLOCKS if group == "time_offset" else Source.SENSOR
         out.append(Contribution(f"walk of {GROUPS[group].split(',')[0]}", source, columns))
     return found.adding(out)

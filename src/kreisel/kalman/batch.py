@@ -157,6 +157,14 @@ def _run(
     )  # fmt: skip
 
 
+def path_near(problem: Problem, near: Fit, progress: StepProgress | None = None) -> Array:
+    """Return the most likely states before all updates, (u, size), of a problem linearised about a fit."""
+    start, begun = start_near(problem, near), narrowed_belief(problem, near)
+    slopes = Slopes(problem, varying(problem))
+    run = _run(problem, start, begun, _about(problem, start, near), near.gate, progress, slopes=slopes)
+    return smoothed(problem, run, slopes)
+
+
 def smoothed(problem: Problem, run: Fit, slopes: Slopes) -> Array:
     """Return the most likely states before all updates, (u, size), of a linearised run.
 

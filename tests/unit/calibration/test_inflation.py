@@ -14,10 +14,12 @@ from kreisel.calibration.inflation import (
     position_scale_column,
     with_doubtful_latitude,
     with_unestimated_errors,
+    with_walked_deviations,
 )
 from kreisel.estimation.uncertainty import scaling
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.kalman.kalman_filter import KalmanFilter
+from kreisel.model.problem import walked_variance, with_readings
 
 from ...oracle import quaternions as quat
 from ...small_problem import camera_problem, estimate_of, small_problem, small_run, with_noise
@@ -55,6 +57,42 @@ def test_frames_and_scale_add_the_squares_of_their_columns():
     np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
     assert [w.subject for w in after.warnings][:1] == ["robot"]
     assert "2 mm and 1 mrad" in after.warnings[0].message
+
+
+def changing(path, density):
+    """An estimate of offsets of the gyros that follow a path (n, 3), taken for a walk of a density."""
+    problem = with_noise(camera_problem(), offset_walk={"gyro_offset": density})
+    readings = problem.sensor.readings
+    problem = with_readings(problem, readings.with_values(rates=readings.rates - path(readings.stamps)))
+    run = KalmanFilter().refit(problem, KalmanFilter().fit(problem))
+    return replace(estimate_of(problem, run), walks={"gyro_offset": 10.0})
+
+
+def added_by_walks(found):
+    columns = with_walked_deviations(found).contributions[-1].columns
+    return np.sqrt(np.sum(columns[found.problem.layout["gyro_offset"]] ** 2, axis=1))
+
+
+def test_what_walks_is_as_uncertain_as_it_walked():
+    rng, density = np.random.default_rng(7), 2e-3
+    seconds = camera_problem().sensor.readings.stamps
+    steps = rng.normal(size=(seconds.size, 3)) * density * np.sqrt(np.gradient(seconds))[:, None]
+    walk = np.cumsum(steps, axis=0)
+    far = np.sqrt(np.mean((walk - walk[-1]) ** 2, axis=0))
+    np.testing.assert_allclose(added_by_walks(changing(lambda _: walk, density)), far, rtol=0.25)
+
+
+def test_what_comes_and_goes_is_no_more_uncertain_than_it_is_large():
+    """A walk of the density that follows it would lead far away."""
+
+    def swinging(t):
+        return np.outer(2e-3 * np.sin(2.0 * np.pi * t / 8.0), np.ones(3))
+
+    found = changing(swinging, 2e-3)
+    added = added_by_walks(found)
+    assert (added > 1e-3).all()
+    assert (added < 4e-3).all()
+    assert walked_variance(found.problem, "gyro_offset") ** 0.5 > 10e-3
 
 
 def test_frames_err_as_the_poses_are_found_to():
