@@ -7,6 +7,7 @@ a family that explains nothing then has the size zero, and costs nothing.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -294,11 +295,10 @@ def _not_predictive(data: _Data, state: _State) -> Indices:
     looked for one by one, if all together do not.
     """
     inside = np.flatnonzero(state.variance > 0.0)
-    whole = _predicted(data, state, inside)
-    less = [whole - _predicted(data, state, inside[inside != f]) for f in inside]
+    whole, without = _predicted_without_each(data, state, inside)
     if whole >= MIN_PREDICTED:
-        worst = int(np.argmin(less))
-        return inside[[worst]] if less[worst] < MIN_PREDICTED else inside[:0]
+        worst = int(np.argmax(without))
+        return inside[[worst]] if whole - without[worst] < MIN_PREDICTED else inside[:0]
     kept, best = inside[:0], 0.0
     while kept.size < inside.size:
         tried = {int(f): _predicted(data, state, np.append(kept, f)) for f in np.setdiff1d(inside, kept)}
@@ -312,15 +312,42 @@ def _not_predictive(data: _Data, state: _State) -> Indices:
 def _predicted(data: _Data, state: _State, families: Indices) -> float:
     """Return the gain in log-likelihood of parts of the recording by amplitudes of families from all other parts."""
     places = np.flatnonzero(np.isin(data.family, families))
-    D = _prior(data, state.variance)[places]
-    A, a = D[:, None] * data.information[np.ix_(places, places)] * D / state.noise, D * data.score[places] / state.noise
-    scale, total = D * data.unit[places], 0.0
-    for information, score in zip(data.part_information, data.part_scores, strict=True):
-        A_part = scale[:, None] * information[np.ix_(places, places)] * scale / state.noise
-        a_part = D * score[places] / state.noise
-        x = np.linalg.solve(np.eye(places.size) + A - A_part, a - a_part)
+    total = 0.0
+    for others, score, A_part, a_part in _parts(data, state, places):
+        x = np.linalg.solve(others, score)
         total += float(a_part @ x - 0.5 * x @ A_part @ x)
     return total
+
+
+def _predicted_without_each(data: _Data, state: _State, families: Indices) -> tuple[float, Array]:
+    """Return the gain of `_predicted` by families, and those by all but each of them.
+
+    Amplitudes without a family are those with it, given that its own are zero.
+    """
+    places = np.flatnonzero(np.isin(data.family, families))
+    own = [np.flatnonzero(data.family[places] == f) for f in families]
+    total = np.zeros(1 + len(families))
+    for others, score, A_part, a_part in _parts(data, state, places):
+        V = np.linalg.inv(others)
+        x = V @ score
+        less = [x - V[:, i] @ np.linalg.solve(V[np.ix_(i, i)], x[i]) for i in own]
+        X = np.column_stack([x, *less])
+        total += a_part @ X - 0.5 * np.sum(X * (A_part @ X), axis=0)
+    return float(total[0]), total[1:]
+
+
+def _parts(data: _Data, state: _State, places: Indices) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """Yield, for each part of the recording, information and score of all other parts with the prior, and its own.
+
+    Of terms at some places, in units of the prior's deviations.
+    """
+    D, at = _prior(data, state.variance)[places], np.ix_(places, places)
+    A = np.eye(places.size) + D[:, None] * data.information[at] * D / state.noise
+    a, scale = D * data.score[places] / state.noise, D * data.unit[places]
+    for information, score in zip(data.part_information, data.part_scores, strict=True):
+        A_part = scale[:, None] * information[at] * scale / state.noise
+        a_part = D * score[places] / state.noise
+        yield A - A_part, a - a_part, A_part, a_part
 
 
 def _without(data: _Data, state: _State, families: Indices) -> _State:

@@ -10,6 +10,8 @@ from kreisel.refinement import discrepancy_evidence
 from kreisel.refinement.discrepancy_evidence import (
     _alone,
     _gains,
+    _predicted,
+    _predicted_without_each,
     _prepared,
     _solved,
     undecided,
@@ -161,3 +163,17 @@ def test_one_strong_term_makes_its_family_worth_weighing(designs):
     rng = np.random.default_rng(8)
     y = rng.normal(size=ROWS) + 0.35 * Z[:, 9]
     assert FAMILY[9] in worth_weighing(scored(X, Z, y, rng), FAMILY, WEIGHT)
+
+
+def test_what_all_families_but_one_predict_is_what_they_predict_alone(designs):
+    X, Z = designs
+    rng = np.random.default_rng(8)
+    y = 0.4 * Z[:, : 2 * EACH] @ rng.normal(size=2 * EACH) + rng.normal(size=ROWS)
+    data = _prepared(linearised(X, Z, y), FAMILY, WEIGHT, 1.0)
+    families = np.array([0, 1, 4])
+    state = _solved(data, np.where(np.isin(np.arange(FAMILIES), families), 0.5, 0.0), 1.2)
+    whole, without = _predicted_without_each(data, state, families)
+    assert whole == pytest.approx(_predicted(data, state, families), rel=1e-9)
+    for f, found in zip(families, without, strict=True):
+        assert found == pytest.approx(_predicted(data, state, families[families != f]), rel=1e-9)
+    assert without[2] > without[:2].max()
