@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from kreisel.array.tray import calibrate_tray
 from kreisel.calibration.device_axes import linearised
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
-from kreisel.formats.write import write_imu
+from kreisel.formats.write import write, write_imu
 from kreisel.geometry.interpolation import slerp
 from kreisel.geometry.rotation import exp, matrix, multiply
 from kreisel.inertial.sensor_model import SensorParameters
@@ -105,6 +106,30 @@ def test_of_two_units_it_cannot_be_said_which_one_turned(tmp_path):
         turned = re.match(r"it or the other unit turned on its mount, by ([0-9.]+) mrad", reason)
         assert float(turned[1]) == pytest.approx(1.745, abs=0.3)
     assert [unit.share[0] for unit in outcome.units] == pytest.approx([0.5, 0.5], abs=0.02)
+
+
+@pytest.mark.parametrize("fault", ["lies beside the arm", "never changes"])
+def test_the_first_unit_need_not_work(tmp_path, fault):
+    """Another one takes its place as the one that all are brought to; the first is named."""
+    cell = {"seed": 9, "seconds": 40.0, "imu": {"grade": "industrial-mems", "rate": 100.0}, "tray": {"units": 3}}
+    recording = tmp_path / "recording"
+    made = [simulate(parse_cell(cell, tmp_path), tmp_path, unit=k)[1] for k in range(3)]
+    imu = made[0].imu
+    rates, forces = np.zeros_like(imu.rates), np.tile([0.0, 0.0, 9.81], (len(imu.rates), 1))
+    if fault == "lies beside the arm":
+        rng = np.random.default_rng(0)
+        rates += rng.normal(0.0, 1e-3, rates.shape)
+        forces += rng.normal(0.0, 1e-2, forces.shape)
+    write(replace(made[0], imu=replace(imu, rates=rates, accelerations=forces)), recording)
+    for k in (1, 2):
+        write_imu(made[k].imu, recording / f"imu{k}")
+    done = run("calibrate", recording, "-o", tmp_path / "out", "--json")
+    assert done.returncode == 3, done.stderr
+    found = json.loads(done.stdout)
+    assert list(found["imus"]) == ["imu1", "imu2"]
+    assert all(one["verdict"]["accepted"] for one in found["imus"].values())
+    said = "does not turn as imu1 does" if fault == "lies beside the arm" else "dead channel"
+    assert said in found["left_out"]["imu0"]
 
 
 def _true_sensors(recording, name):

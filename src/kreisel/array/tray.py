@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Verdict
 from kreisel.errors import KreiselError, RecordingError, SettingsError
+from kreisel.formats.folder import is_folder
 from kreisel.formats.imus import imu_reader
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block
@@ -45,6 +47,10 @@ _ROOM = 1 << 29
 
 _TOGETHER = 4
 """Units that are read and fitted at the same time. Chosen: 0.2 GB for ten minutes."""
+
+_BASES = 3
+"""Units that are tried as the one that all others are brought to. Chosen: if no other one moves with any of three, most
+are loose, or lie elsewhere."""
 
 MIN_UNITS = 3
 """Units among which one that disagrees with the others can be named."""
@@ -87,7 +93,7 @@ def calibrate_tray(
         If the recording cannot be used, or no two units move together.
     """
     check_settings(settings)
-    tray = _Tray.of(_Kept(read), names, progress, executor)
+    tray = _together(_Kept(read), names, progress, executor)
     run = partial(run_calibration, progress=progress, executor=executor, validate=validate, budget=True)
     mean = run(tray.mean_recording(), settings)
     turned: dict[str, Turn] = {}
@@ -116,6 +122,23 @@ def calibrate_tray(
         mean = run(tray.mean_recording(), settings)
     odd = {name: found.misfits.get(name, own) for name, own in odd.items()}
     return _outcome(tray, mean, found, turned, odd, settings.fixed, executor)
+
+
+def _together(read: _Kept, names: Sequence[str], progress: Progress | None, executor: Executor) -> _Tray:
+    """Return the tray, brought to the readings of the first unit with which another one moves.
+
+    Raises
+    ------
+    KreiselError
+        That of the first unit, if none of a few does.
+    """
+    errors: list[KreiselError] = []
+    for k in range(max(1, min(_BASES, len(names) - 1))):
+        try:
+            return _Tray.of(read, [*names[k:], *names[:k]], progress, executor)
+        except KreiselError as error:
+            errors.append(error)
+    raise errors[0]
 
 
 def _with_shown(settings: CalibrationSettings, fits: Iterable[UnitFit]) -> CalibrationSettings | None:
@@ -254,6 +277,38 @@ class _Tray:
         names = sorted(self.in_mean)
         shares = dict(zip(names, gains_of([self.units[name] for name in names]), strict=True))
         return {name: shares.get(name, np.zeros(2)) for name in self.units}
+
+
+def first_readable(
+    read: Callable[[str], Recording], path: Path, names: Sequence[str], unread: dict[str, str]
+) -> tuple[Recording, Sequence[str]]:
+    """Return the recording with the first IMU that can be read, and the names from it on.
+
+    Parameters
+    ----------
+    read
+        Returns the recording with the readings of one IMU.
+    unread
+        Filled with the reasons why those before it cannot be read.
+
+    Raises
+    ------
+    KreiselError
+        If none or only the last one can be read, or something else in a folder cannot.
+    """
+    for k, name in enumerate(names[:-1]):
+        try:
+            return read(name), names[k:]
+        except KreiselError as error:
+            if is_folder(path) and name not in Path(getattr(error, "file", None) or "").parts:
+                raise
+            unread[name] = reason_of(error)
+    read(names[-1])
+    raise RecordingError(
+        f"of its {len(names)} IMUs only {names[-1]} can be read, expected two or more; `kreisel calibrate --imu "
+        f"{names[-1]}` calibrates it alone",
+        file=path,
+    )
 
 
 def unit_reader(base: Recording, first: str) -> Callable[[str], Recording]:

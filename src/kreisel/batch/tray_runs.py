@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kreisel.batch.job_result import Run, date_of, key_of_unit
 from kreisel.batch.jobs import MEAN, TRAY_FILES, Job
-from kreisel.errors import KreiselError, RecordingError
+from kreisel.errors import KreiselError
 from kreisel.recording.recording import Recording
 from kreisel.recording.recording_settings import RecordingSettings
 
@@ -29,45 +28,19 @@ def calibrate_units(job: Job, settings: CalibrationSettings, results: Path, *, v
     validate
         Whether the mean is cross-validated.
     """
-    from kreisel.array.tray import calibrate_tray, unit_reader
+    from kreisel.array.tray import calibrate_tray, first_readable, unit_reader
+    from kreisel.formats.loading import load
 
     base: Recording | None = None
     unread: dict[str, str] = {}
     try:
-        base, names = _first_readable(job, unread)
+        base, names = first_readable(lambda imu: load(job.path, imu=imu), job.path, job.imus, unread)
         outcome = calibrate_tray(unit_reader(base, names[0]), names, settings, validate=validate)
         outcome = replace(outcome, left_out=(*unread.items(), *outcome.left_out))
         write_tray_results(outcome, results / job.name)
         return runs_of_tray(outcome, job)
     except KreiselError as error:
         return [_run(job, imu, base, unread.get(imu, str(error))) for imu in job.imus]
-
-
-def _first_readable(job: Job, unread: dict[str, str]) -> tuple[Recording, Sequence[str]]:
-    """Return the recording with the first IMU that can be read, and the names from it on.
-
-    unread: filled with the reasons why those before it cannot be read.
-
-    Raises
-    ------
-    KreiselError
-        If none or only the last one can be read.
-    """
-    from kreisel.array.left_out import reason_of
-    from kreisel.formats.loading import load
-
-    for k, name in enumerate(job.imus[:-1]):
-        try:
-            return load(job.path, imu=name), job.imus[k:]
-        except KreiselError as error:
-            unread[name] = reason_of(error)
-    last = job.imus[-1]
-    load(job.path, imu=last)
-    raise RecordingError(
-        f"of its {len(job.imus)} IMUs only {last} can be read, expected two or more; `kreisel calibrate --imu {last}` "
-        "calibrates it alone",
-        file=job.path,
-    )
 
 
 def write_tray_results(outcome: TrayOutcome, folder: Path) -> None:

@@ -205,11 +205,14 @@ def _all_units(
     names, (inject, validate, as_json) = imus_in(path, imu), options
     if len(names) < 2 and imu is None:
         return False
+    from kreisel.array.tray import first_readable
     from kreisel.cli.tray import calibrate_units
 
     if inject:
         raise SettingsError("--inject is for one IMU; choose it with --imu")
-    calibrate_units(read_one(path, imu=names[0]), names, settings, output, within, validate=validate, as_json=as_json)
+    unread: dict[str, str] = {}
+    base, readable = first_readable(lambda name: read_one(path, imu=name), path, names, unread)
+    calibrate_units(base, readable, unread, settings, output, within, validate=validate, as_json=as_json)
     return True
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from kreisel.array.tray_outcome import TrayOutcome
@@ -17,11 +17,15 @@ if TYPE_CHECKING:
 
 
 def calibrate_units(
-    base: Recording, names: tuple[str, ...], settings: CalibrationSettings, output: Path | None, limits: Limits | None,
-    *, validate: bool, as_json: bool,
+    base: Recording, names: Sequence[str], unread: Mapping[str, str], settings: CalibrationSettings,
+    output: Path | None, limits: Limits | None, *, validate: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Calibrate all IMUs of a recording, write and print the results; end with the exit status for them."""
+    """Calibrate all IMUs of a recording, write and print the results; end with the exit status for them.
+
+    unread: why some of them cannot be read.
+    """
     import json
+    from dataclasses import replace
 
     from kreisel.array.tray import calibrate_tray, unit_reader
     from kreisel.cli.progress_bar import progress_bar
@@ -35,6 +39,7 @@ def calibrate_units(
         outcome = calibrate_tray(
             read, names, settings, show, executor=in_threads, validate=validate and output is not None
         )
+        outcome = replace(outcome, left_out=(*unread.items(), *outcome.left_out))
         if output is not None:
             _write(outcome, output, limits)
     decisions, status = _judged(outcome, limits)
