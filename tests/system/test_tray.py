@@ -163,6 +163,15 @@ def test_an_array_that_was_moved_by_hand(tmp_path):
         assert sd.max() < 2e-3
         assert np.abs(np.array(own["rotation"]) - axes[k]).max() < 5e-3
         assert own["clock"]["offset"] == pytest.approx(-float(k), abs=2e-4)
+    rows = (tmp_path / "array" / "imu0" / "data.csv").read_text().splitlines()
+    still = rows[1].split(",", 1)[1]
+    frozen = [f"{row.split(',', 1)[0]},{still}" for row in rows[1:]]
+    (tmp_path / "array" / "imu0" / "data.csv").write_text("\n".join([rows[0], *frozen]) + "\n")
+    done = run("array", tmp_path / "array", "--json")
+    assert done.returncode == 0, done.stderr
+    without = json.loads(done.stdout)
+    assert without["reference"] == "imu1"
+    assert without["left_out"]["imu0"] == "does not turn as imu1 does: its rates never change"
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Not observable: the common scale of the gyros" in page
     alone = tmp_path / "alone"

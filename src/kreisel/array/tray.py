@@ -21,7 +21,7 @@ from kreisel.array.resampled import Resampled, resampled
 from kreisel.array.tray_outcome import TrayOutcome, UnitOutcome
 from kreisel.array.tray_places import places_of_units
 from kreisel.array.tray_result import mover_of, spread_of, unit_calibration
-from kreisel.array.unit_clock import clock_of
+from kreisel.array.unit_clock import BASES, clock_of
 from kreisel.array.unit_fit import Common, UnitFit, fit_unit
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.outcome import Outcome
@@ -47,10 +47,6 @@ _ROOM = 1 << 29
 
 _TOGETHER = 4
 """Units that are read and fitted at the same time. Chosen: 0.2 GB for ten minutes."""
-
-_BASES = 3
-"""Units that are tried as the one that all others are brought to. Chosen: if no other one moves with any of three, most
-are loose, or lie elsewhere."""
 
 MIN_UNITS = 3
 """Units among which one that disagrees with the others can be named."""
@@ -133,7 +129,7 @@ def _together(read: _Kept, names: Sequence[str], progress: Progress | None, exec
         That of the first unit, if none of a few does.
     """
     errors: list[KreiselError] = []
-    for k in range(max(1, min(_BASES, len(names) - 1))):
+    for k in range(max(1, min(BASES, len(names) - 1))):
         try:
             return _Tray.of(read, [*names[k:], *names[:k]], progress, executor)
         except KreiselError as error:

@@ -13,7 +13,7 @@ from kreisel.array.hand_motion import HandMotion, hand_motion, matrix_deviation
 from kreisel.array.left_out import in_words, reason_of
 from kreisel.array.relative_pose import RelativePose
 from kreisel.array.resampled import clipped_samples
-from kreisel.array.unit_clock import clock_of
+from kreisel.array.unit_clock import BASES, clock_of
 from kreisel.calibration.result import Calibration
 from kreisel.errors import KreiselError, RecordingError
 from kreisel.geometry.rotation import Array, nearest_rotation
@@ -41,7 +41,7 @@ _CLIPPED_SHARE = 0.9995
 def locate(
     read: Callable[[str], Recording], names: Sequence[str], progress: Progress | None = None
 ) -> ArrayOutcome:  # fmt: skip
-    """Return where the IMUs of a recording lie against the first one.
+    """Return where the IMUs of a recording lie against the first one with which another one moves.
 
     Parameters
     ----------
@@ -53,32 +53,51 @@ def locate(
     KreiselError
         If there are no two IMUs that move together, or too little motion.
     """
-    base = read(names[0])
-    members, imus, sensors, clocks = [], [], [], []
-    left_out: dict[str, str] = {}
-    for k, name in enumerate(names):
+    found, left_out = _together(read, names)
+    members, sensors = [], []
+    for k, (name, (recording, _)) in enumerate(found.items()):
         if progress is not None:
-            progress("calibrate by standstills", k / len(names))
-        try:
-            recording = base if k == 0 else read(name)
-            clock = Clock(0.0) if k == 0 else clock_of(recording.imu, base.imu, names[0])
-        except KreiselError as error:
-            if k == 0:
-                raise
-            left_out[name] = reason_of(error)
-            continue
-        member = _member(name, recording)
-        members.append(member)
-        imus.append(recording.imu)
-        sensors.append(_sensors(member, recording.imu))
-        clocks.append(clock)
-    if len(members) < 2:
-        reasons = in_words(left_out) or "there is one IMU only"
-        raise RecordingError(f"no two IMUs that move together: {reasons}", file=base.path)
+            progress("calibrate by standstills", k / len(found))
+        members.append(_member(name, recording))
+        sensors.append(_sensors(members[-1], recording.imu))
+    recordings, clocks = zip(*found.values(), strict=True)
+    imus = [recording.imu for recording in recordings]
     if progress is not None:
         progress("estimate positions", 0.5)
     motion = hand_motion(imus, sensors, clocks, [~_clipped(imu) for imu in imus])
-    return _concluded(base, members, imus, motion, tuple(left_out.items()))
+    return _concluded(recordings[0], members, imus, motion, tuple(left_out.items()))
+
+
+def _together(
+    read: Callable[[str], Recording], names: Sequence[str]
+) -> tuple[dict[str, tuple[Recording, Clock]], dict[str, str]]:
+    """Return the recordings of IMUs that move together, with their clocks against the first, and why others do not.
+
+    Raises
+    ------
+    KreiselError
+        If no other IMU moves with one of the first few.
+    """
+    errors: list[KreiselError] = []
+    for k, first in enumerate(names[: max(1, min(BASES, len(names) - 1))]):
+        left_out: dict[str, str] = {}
+        try:
+            base = read(first)
+        except KreiselError as error:
+            errors.append(error)
+            continue
+        found = {first: (base, Clock(0.0))}
+        for name in (*names[k + 1 :], *names[:k]):
+            try:
+                recording = read(name)
+                found[name] = (recording, clock_of(recording.imu, base.imu, first))
+            except KreiselError as error:
+                left_out[name] = reason_of(error)
+        if len(found) > 1:
+            return found, left_out
+        reasons = in_words(left_out) or "there is one IMU only"
+        errors.append(RecordingError(f"no two IMUs that move together: {reasons}", file=base.path))
+    raise errors[0]
 
 
 def _concluded(

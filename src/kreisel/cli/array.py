@@ -25,8 +25,9 @@ def array(
     With poses of a robot or of cameras, `kreisel calibrate` finds the same, and calibrates all units.
     """
     import json as as_json
+    from dataclasses import replace
 
-    from kreisel.array.tray import unit_reader
+    from kreisel.array.tray import first_readable, unit_reader
     from kreisel.array.without_reference import locate
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
@@ -37,14 +38,17 @@ def array(
     if output is not None:
         check_output(output)
     names = imus_in(recording, imu)
-    base = load(recording, imu=names[0] if names else None)
     if len(names) < 2:
+        load(recording, imu=names[0] if names else None)
         raise RecordingError(
             "has one IMU; an array is a folder with imu0, imu1, …, or a bag with several topics",
             file=recording,
         )
+    unread: dict[str, str] = {}
     with progress_bar() as show:
-        outcome = locate(unit_reader(base, names[0]), names, show)
+        base, readable = first_readable(lambda name: load(recording, imu=name), recording, names, unread)
+        outcome = locate(unit_reader(base, readable[0]), readable, show)
+        outcome = replace(outcome, left_out=(*unread.items(), *outcome.left_out))
     if output is not None:
         _write(outcome, output)
     if json:
