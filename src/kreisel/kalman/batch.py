@@ -29,11 +29,11 @@ from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 
 SETTLED = 0.05
-"""Change of every parameter by an iteration, in standard deviations, below which no further one is needed. Chosen: what
-is left then is a tenth of it, for iterations near their end shrink by that and more."""
+"""Change of every parameter that is expected of a further iteration, in standard deviations, below which there is none.
+Chosen: far below what errors of the model do."""
 
 NEARLY_SETTLED = 1.0
-"""Change by an iteration, in standard deviations, from which on the next one is expected to be the last."""
+"""Change by an iteration, in standard deviations, up to which the next one moves less, and is likely to be the last."""
 
 MAX_ITERATIONS = 12
 """Largest number of iterations. Chosen: first errors of 10 deg take four to six."""
@@ -86,21 +86,23 @@ def _iterated(
 ) -> Fit:
     """Return the fit of a problem, linearised again and again about what was found last.
 
-    What changes between updates is smoothed after an iteration only if there is likely to be a further one: not after
-    the first, which may be far from the parameters, or, near a fit, the only one, and not where the last is expected.
+    What changes between updates is smoothed after an iteration only if there is likely to be a further one: near a fit
+    not after the first, and not where the last is expected. Iterations end when the next one is expected to move
+    nothing: by as much less than the last as that moved less than the one before, once that is near its end.
     """
-    changing, smooth, largest = varying(problem), False, np.inf
+    changing, smooth, before = varying(problem), about.shape[1] != problem.layout.size, 0.0
     for _ in range(MAX_ITERATIONS):
         slopes = Slopes(problem, changing) if smooth else None
         run = _run(problem, start, begun, about, gate, progress, slopes=slopes)
         fit = with_stated_prior(problem, run, begun)
         moved = problem.layout.minus(fit.belief.mean[:, None], begun.mean)[problem.lasting, 0]
         largest = float(np.max(np.abs(moved) / fit.belief.standard_deviation[problem.lasting], initial=0.0))
-        if about.shape[1] == problem.layout.size and largest < SETTLED:
+        expected = largest * min(1.0, largest / before) if before > 0.0 and largest < NEARLY_SETTLED else largest
+        if about.shape[1] == problem.layout.size and expected < SETTLED:
             break
         start, begun = start_near(problem, fit), narrowed_belief(problem, fit)
         about = _with_parameters(problem, about, start) if slopes is None else smoothed(problem, run, slopes)
-        smooth = slopes is None or largest > NEARLY_SETTLED
+        smooth, before = slopes is None or (before > 0.0 and expected > NEARLY_SETTLED), largest
     return fit
 
 
