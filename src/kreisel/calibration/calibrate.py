@@ -33,7 +33,7 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator
 from kreisel.geometry.rotation import Array
 from kreisel.inverse.inverse_filter import InverseFilter
-from kreisel.kalman.batch import Batch
+from kreisel.kalman.batch import Batch, path_near
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import Problem, without_forces
@@ -120,7 +120,7 @@ def run_calibration(
     found, checks = _checked(found, progress, executor, validate=validate, budget=budget)
     found = replace(found, linear=None)  # it keeps the slopes of all updates
     seen = observability(found.problem, found.deviation)
-    found = with_doubtful_latitude(with_walked_deviations(found), checks.latitude)
+    found = with_doubtful_latitude(with_walked_deviations(found, path_near), checks.latitude)
     seen = replace(seen, posterior=found.deviation[: len(seen.names)])
     facts = consistency(found, preparation.correlation)
     known = _known_scores(preparation, settings, problem, given, progress)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,6 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
-from kreisel.kalman.batch import path_near
 from kreisel.model.parameters import DELAYS, GROUPS, SMOOTHINGS
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
@@ -70,13 +70,18 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
     return found.adding(out, (*warnings, *_gravity_warning(problem, run)))
 
 
-def with_walked_deviations(found: Estimate) -> Estimate:
+def with_walked_deviations(found: Estimate, path_near: Callable[[Problem, Fit], Array]) -> Estimate:
     """Return the estimate with deviations of what walks that include how far it walked.
 
     By the distance of the value at the end from those at other moments of the recording, on average: the former is
     known better, but it is not the device's. What walks is known within the deviations at the end, but no worse than by
     the walk itself, whose mean square distance is half its variance over the recording. An error that only comes and
     goes looks like a walk of great density, but leads nowhere.
+
+    Parameters
+    ----------
+    path_near
+        Returns the most likely states before all updates, (u, size), of a problem near a fit.
     """
     problem, layout = found.problem, found.problem.layout
     if not found.walks:

@@ -18,6 +18,7 @@ from kreisel.calibration.inflation import (
 )
 from kreisel.estimation.uncertainty import scaling
 from kreisel.estimation.uncertainty_budget import Source
+from kreisel.kalman.batch import path_near
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import walked_variance, with_readings
 
@@ -69,7 +70,7 @@ def changing(path, density):
 
 
 def added_by_walks(found):
-    columns = with_walked_deviations(found).contributions[-1].columns
+    columns = with_walked_deviations(found, path_near).contributions[-1].columns
     return np.sqrt(np.sum(columns[found.problem.layout["gyro_offset"]] ** 2, axis=1))
 
 
