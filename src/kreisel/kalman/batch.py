@@ -17,6 +17,7 @@ from kreisel.estimation.belief import Belief
 from kreisel.estimation.sigma_points import DERIVATIVES
 from kreisel.fitting.blocks import Blocks
 from kreisel.fitting.fit import WIDE_GATE, Fit
+from kreisel.fitting.nonlinearity import curved
 from kreisel.fitting.partition import block_ends
 from kreisel.fitting.stored_state import first_belief, stored_state
 from kreisel.geometry.rotation import Array, Indices, exp, multiply
@@ -33,7 +34,7 @@ SETTLED = 0.05
 Chosen: far below what errors of the model do."""
 
 NEARLY_SETTLED = 1.0
-"""Change by an iteration, in standard deviations, up to which the next one moves less, and is likely to be the last."""
+"""Change that is expected of the next iteration, in standard deviations, up to which it is likely to be the last."""
 
 MAX_ITERATIONS = 12
 """Largest number of iterations. Chosen: first errors of 10 deg take four to six."""
@@ -88,7 +89,7 @@ def _iterated(
 
     What changes between updates is smoothed after an iteration only if there is likely to be a further one: near a fit
     not after the first, and not where the last is expected. Iterations end when the next one is expected to move
-    nothing: by as much less than the last as that moved less than the one before, once that is near its end.
+    nothing: by as much less than the last as that moved less than the one before, unless the model was curved there.
     """
     changing, smooth, before = varying(problem), about.shape[1] != problem.layout.size, 0.0
     for _ in range(MAX_ITERATIONS):
@@ -97,12 +98,13 @@ def _iterated(
         fit = with_stated_prior(problem, run, begun)
         moved = problem.layout.minus(fit.belief.mean[:, None], begun.mean)[problem.lasting, 0]
         largest = float(np.max(np.abs(moved) / fit.belief.standard_deviation[problem.lasting], initial=0.0))
-        expected = largest * min(1.0, largest / before) if before > 0.0 and largest < NEARLY_SETTLED else largest
+        expected = largest * min(1.0, largest / before) if before > 0.0 else largest
         if about.shape[1] == problem.layout.size and expected < SETTLED:
             break
         start, begun = start_near(problem, fit), narrowed_belief(problem, fit)
         about = _with_parameters(problem, about, start) if slopes is None else smoothed(problem, run, slopes)
-        smooth, before = slopes is None or (before > 0.0 and expected > NEARLY_SETTLED), largest
+        smooth = slopes is None or (before > 0.0 and expected > NEARLY_SETTLED)
+        before = 0.0 if curved(problem, fit) else largest
     return fit
 
 
