@@ -2,8 +2,8 @@
 
 The nonlinear part of the model grows with the square of angles, with the product of an offset and the matrix it is
 multiplied by, and with the square of the time offset times the angular acceleration. It is compared with standard
-deviations. The one of an offset is taken with all else known, because a
-weak motion determines offset and matrix together much less well than each of them alone.
+deviations. The one of an offset is taken with all else known, because a weak motion determines offset and matrix
+together much less well than each of them alone.
 """
 
 from __future__ import annotations
