@@ -20,7 +20,7 @@ from kreisel.model.assumed_noise import GaussMarkov
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import GROUPS, CellParameters
 from kreisel.model.problem import Problem, with_groups
-from kreisel.preparation.build_problem import build_problem
+from kreisel.preparation.build_problem import INTERVALS, build_problem
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.recording.recording import Recording
@@ -44,7 +44,7 @@ def prepared(seconds: float = SECONDS) -> Preparation:
 
 @cache
 def small_problem() -> Problem:
-    return build_problem(prepared(), CalibrationSettings())
+    return build_problem(prepared(), CalibrationSettings(update_interval=INTERVALS["robot"]))
 
 
 @cache
@@ -131,7 +131,7 @@ def history(u: int, **columns: np.ndarray) -> History:
     """A history of so many updates on the path, all used, of no parameters; what is not given is zero."""
     width = {
         "parameters": (u, 0), "deviations": (u, 0),
-        "correction": (u, 6), "correction_variance": (u, 6),
+        "passing": (u, 6), "late": (u, 2), "correction": (u, 6), "correction_variance": (u, 6),
         **dict.fromkeys(("whitened", "innovation", "residual", "noise_variance"), (u, 9)),
     }  # fmt: skip
     made = {f.name: np.zeros(width.get(f.name, (u,))) for f in fields(History)}

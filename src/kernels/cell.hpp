@@ -38,7 +38,7 @@ struct Model {
 ORDER(Stored, VELOCITY, POSITION, ATTITUDE, STANDSTILL_POSITION, STANDSTILL_ORIENTATION, PATH_POSITION, PATH_ORIENTATION);
 
 /// Places of figures in `Model::noise`: reference on the path and at standstill, velocity at standstill, stamps.
-ORDER(Noise, AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL_VELOCITY, STAMP);
+ORDER(Noise, AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL_VELOCITY);
 
 /// Places of numbers in `Model::coloured`.
 ORDER(Coloured, COLOURED_TIME, COLOURED_POSITION, COLOURED_ORIENTATION);
@@ -52,6 +52,7 @@ ORDER(Around, ALIGNMENT = 0, NORTH = 4, GRAVITY = 6, TIME_OFFSET = 7, TIME_SKEW 
 struct Steps {
     Indices first, last;          // (u,)
     ConstNumbers tau;                  // (u,)
+    ConstNumbers stamp;                // (u,): standard deviation of the poses' stamps, s
     Mask at_standstill;           // (u,)
     Mask new_standstill;          // (u,): whether a standstill begins
     ConstTable position, quaternion;   // (u, 3), (u, 4)
@@ -66,6 +67,8 @@ struct Record {
     WrittenMask used;                                    // (u,)
     Numbers nis, log_likelihood, turn_information;         // (u,)
     Table whitened, innovation, residual, noise_variance;  // (u, 9)
+    Table passing;                                // (u, 6): velocity and rate of b
+    Table late;                                   // (u, 2): error of the stamp, and its deviation
     Table correction, correction_variance;        // (u, 6): of velocity and attitude
     // What a small change of the state before an update does, empty where it is not asked for: to what moves, (u, c, n); to
     // the whitened measurement, and what that does to the state, (u, 9, n); whitened = whitening (9, 9) times measurement.

@@ -13,6 +13,7 @@ namespace {
 /// What an update leaves of a measurement with m numbers: see `Record`.
 struct Measured {
     const double *innovation;  // (m,)
+    Passing passing;
     Table noise;               // (m, e): factor of its noise
     Table factor;              // (m, m): of the innovation's covariance, lower triangular
     const double *whitened;    // (m,)
@@ -56,6 +57,18 @@ inline void record_update(const Record &record, Index i, const Measured &of, con
             record.turn_information[i] += inverse[x] * inverse[x];
         }
     }
+    // the error of the stamp by least squares: of the innovation along the motion, m' S^-1 d / (m' S^-1 m)
+    double along[MAX_MEASURED], seen = 0.0, weight = 0.0;
+    for (Index r = 0; r < m; r++) along[r] = place[r] < 6 ? of.passing[place[r]] : 0.0;
+    for (Index r = 0; r < m; r++) {
+        for (Index x = 0; x < r; x++) along[r] -= of.factor(r, x) * along[x];
+        along[r] /= of.factor(r, r);
+        seen += along[r] * of.whitened[r];
+        weight += along[r] * along[r];
+    }
+    record.late(i, 0) = weight > 0.0 ? seen / weight : nan;
+    record.late(i, 1) = weight > 0.0 ? 1.0 / std::sqrt(weight) : nan;
+    for (Index j = 0; j < 6; j++) record.passing(i, j) = of.passing[j];
     // velocity and attitude are the first and the last three of the last nine degrees of freedom
     for (Index j = 0; j < 6; j++) {
         const Index degree = n - (j < 3 ? 9 - j : 6 - j);
@@ -203,6 +216,7 @@ inline void walk(const Model &model, double seconds, double *mean, Columns upper
 struct Step {
     Updated done;
     double *innovation;   // (m,)
+    Passing passing;
     Table factor;         // (m, e): of the measurement's noise
     Columns slopes;       // (m + c, n)
 };
@@ -217,13 +231,13 @@ inline Step step_by_points(
     const IntegratedMotion motion = propagate(model, order, signal, steps.first[i], steps.last[i], points, memory);
     const Table noise = process_noise(model, motion.noise, duration, points, memory);
     const Prediction predicted = predict_measurement(model, order, signal, steps, i, motion, mean, upper, points, noise, memory);
-    const Vector<double> velocity = points.rows_from(model.stored[VELOCITY], 3).vector_at(0);
-    const Table factor = measurement_noise(model, steps, i, velocity, motion.omega.vector_at(0), memory);
+    const Passing passing = {points.rows_from(model.stored[VELOCITY], 3).vector_at(0), motion.omega.vector_at(0)};
+    const Table factor = measurement_noise(model, steps, i, passing, memory);
     const Updated done = update(
         model.parts, model.tail, order, model.weights, mean, upper, posterior,
         {points, noise, predicted.prediction, predicted.prediction_noise}, predicted.innovation, factor,
         bounds[factor.rows], memory);
-    return {done, predicted.innovation, factor, done.slopes};
+    return {done, predicted.innovation, passing, factor, done.slopes};
 }
 
 /// Predict and update by derivatives.
@@ -248,7 +262,7 @@ inline Step step_by_slopes(
             at.factor, bounds[at.factor.rows], memory);
         if (pass >= model.linear || !done.used || !state_before(model.parts, mean, upper, done, change, about, memory)) {
             std::memcpy(mean, moved, size * sizeof(double));
-            return {done, at.innovation, at.factor, at.slopes};
+            return {done, at.innovation, at.passing, at.factor, at.slopes};
         }
     }
 }
@@ -284,7 +298,7 @@ inline Index run(
         record_slopes(record, i, done, step.slopes, linear ? nullptr : &upper, place, memory);
         std::swap(upper, posterior);
         gate.rejected[0] = done.used ? 0 : gate.rejected[0] + 1;
-        record_update(record, i, {step.innovation, step.factor, done.factor, done.whitened, done.gain}, place, n, done.used);
+        record_update(record, i, {step.innovation, step.passing, step.factor, done.factor, done.whitened, done.gain}, place, n, done.used);
         record.used[i] = done.used;
         std::memcpy(record.mean.row(i), mean, record.mean.columns * sizeof(double));
         deviations(upper, record.deviation.columns, record.deviation.row(i));

@@ -66,14 +66,14 @@ inline void cell_layout(Layout &layout) {
     }
     {
         BEGIN(Steps);
-        FIELD(first); FIELD(last); FIELD(tau); FIELD(at_standstill); FIELD(new_standstill); FIELD(position);
+        FIELD(first); FIELD(last); FIELD(tau); FIELD(stamp); FIELD(at_standstill); FIELD(new_standstill); FIELD(position);
         FIELD(quaternion); FIELD(given); FIELD(regressor); FIELD(about);
         layout.end();
     }
     {
         BEGIN(Record);
         FIELD(mean); FIELD(deviation); FIELD(used); FIELD(nis); FIELD(log_likelihood); FIELD(turn_information);
-        FIELD(whitened); FIELD(innovation); FIELD(residual); FIELD(noise_variance); FIELD(correction);
+        FIELD(whitened); FIELD(innovation); FIELD(residual); FIELD(noise_variance); FIELD(passing); FIELD(late); FIELD(correction);
         FIELD(correction_variance); FIELD(transition); FIELD(design); FIELD(gain); FIELD(whitening); FIELD(before); FIELD(covariance);
         layout.end();
     }

@@ -18,6 +18,7 @@ struct LinearUpdate {
     Table noise;          // (c, k): columns of noise in what has moved
     Table noise_seen;     // (m, k): what they do to the measurement
     double *innovation;   // (m,): of the state
+    Passing passing;
     Table factor;         // (m, e): of the measurement's noise
 };
 
@@ -219,7 +220,7 @@ inline LinearUpdate linearise(
 
     // What has moved: the reference's coloured noise fades, navigation is carried along.
     LinearUpdate out = {
-        memory.numbers(stored_of(model.tail)), memory.zeros(m + c, n), {}, {memory.numbers(m * c), m, c}, memory.numbers(m), {},
+        memory.numbers(stored_of(model.tail)), memory.zeros(m + c, n), {}, {memory.numbers(m * c), m, c}, memory.numbers(m), {}, {},
     };
     const Index tail = size - stored_of(model.tail);
     for (Index x = tail; x < size; x++) out.moved[x - tail] = state[x];
@@ -359,7 +360,8 @@ inline LinearUpdate linearise(
         for (Index axis = 0; axis < 3; axis++) out.innovation[to + axis] = -velocity[axis];  // equation (14)
         see(to, 0);
     }
-    out.factor = measurement_noise(model, steps, i, v, omega, memory);
+    out.passing = {v, omega};
+    out.factor = measurement_noise(model, steps, i, out.passing, memory);
     return out;
 }
 

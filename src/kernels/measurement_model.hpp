@@ -10,12 +10,18 @@ inline Index measured_numbers(const Steps &steps, Index i) {
     return 3 * (steps.given[0] + steps.given[1] + (steps.at_standstill[i] ? 1 : 0));
 }
 
+/// How b moves at an update: what an error of its stamp does to position and orientation.
+struct Passing {
+    Vector<double> velocity, omega;
+
+    double operator[](Index at) const {
+        const Vector<double> &v = at < 3 ? velocity : omega;
+        return at % 3 == 0 ? v.x : at % 3 == 1 ? v.y : v.z;
+    }
+};
+
 /// The factor (m, m + 1) of the measurement noise of update i; the last column is that of the stamps.
-///
-/// velocity and omega: at the update.
-inline Table measurement_noise(
-    const Model &model, const Steps &steps, Index i, Vector<double> velocity, Vector<double> omega, Workspace &memory
-) {
+inline Table measurement_noise(const Model &model, const Steps &steps, Index i, Passing passing, Workspace &memory) {
     const bool still = steps.at_standstill[i];
     const Index m = measured_numbers(steps, i);
     const Table out = {memory.numbers(m * (m + 1)), m, m + 1};
@@ -23,11 +29,9 @@ inline Table measurement_noise(
     Index at = 0;
     for (Index kind = 0; kind < 2; kind++) {
         if (!steps.given[kind]) continue;
-        const Vector<double> motion = kind == 0 ? velocity : omega;
-        const double moving[3] = {motion.x, motion.y, motion.z};
         for (Index axis = 0; axis < 3; axis++, at++) {
             out(at, at) = model.noise[(still ? JITTER_POSITION : AT_POSITION) + kind];
-            out(at, m) = still ? 0.0 : model.noise[STAMP] * moving[axis];
+            out(at, m) = still ? 0.0 : steps.stamp[i] * passing[3 * kind + axis];
         }
     }
     for (; at < m; at++) out(at, at) = model.noise[STANDSTILL_VELOCITY];

@@ -22,7 +22,7 @@ EXPORTED int KREISEL(force_coefficients)(
 
 /// Python's `MeasuredArrays`.
 struct MeasuredArrays {
-    Numbers innovation;
+    Numbers innovation, passing;
     Table noise, factor;
     Numbers whitened;
     Table gain;
@@ -30,7 +30,9 @@ struct MeasuredArrays {
 };
 
 EXPORTED int KREISEL(record_update)(const Record *record, Index i, const MeasuredArrays *of, Index n, Index used) {
-    const Measured measured = {of->innovation.data, of->noise, of->factor, of->whitened.data, columns(of->gain)};
+    const double *moving = of->passing.data;
+    const Passing passing = {{moving[0], moving[1], moving[2]}, {moving[3], moving[4], moving[5]}};
+    const Measured measured = {of->innovation.data, passing, of->noise, of->factor, of->whitened.data, columns(of->gain)};
     record_update(*record, i, measured, of->place.data, n, used != 0);
     return DONE;
 }
@@ -144,7 +146,7 @@ struct UpdateArrays {
     Numbers mean;
     Table upper;                     // (n, n)
     Table points, noise, seen, prediction_noise;
-    Numbers innovation;
+    Numbers innovation, passing;
     Table factor;
     Numbers nis;                     // (1,)
     Table innovation_factor;

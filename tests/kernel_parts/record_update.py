@@ -15,6 +15,7 @@ class MeasuredArrays(NamedTuple):
     """What `record_update` is given of an update."""
 
     innovation: Numbers
+    passing: Numbers
     noise: Table
     factor: Table
     whitened: Numbers
@@ -28,14 +29,16 @@ _record_update = function(
 
 
 def record_update(
-    record: Record, i: int, innovation: Array, noise: Array, factor: Array, whitened: Array, gain: Array,
-    place: Indices, *, used: bool,
+    record: Record, i: int, innovation: Array, passing: Array, noise: Array, factor: Array, whitened: Array,
+    gain: Array, place: Indices, *, used: bool,
 ) -> None:  # fmt: skip
     """Write into a record what update i leaves of a measurement of m numbers.
 
     Parameters
     ----------
     innovation, whitened : (m,)
+    passing : (6,)
+        Velocity and rate.
     noise, factor : (m, e), (m, m)
         Factor of the measurement's noise; of the innovation's covariance, lower triangular.
     gain : (n, m)
@@ -43,5 +46,5 @@ def record_update(
     place : (m,)
         Where the numbers stand among position, orientation and velocity.
     """
-    of = MeasuredArrays(innovation, noise, factor, whitened, padded(gain.T), place)
+    of = MeasuredArrays(innovation, passing, noise, factor, whitened, padded(gain.T), place)
     _record_update(record, i, of, len(gain), int(used))

@@ -132,7 +132,8 @@ def _check_steps(model: Model, signal: Samples, steps: Steps, begin: int, end: i
     if not 0 <= begin <= end <= u:
         raise ValueError(f"updates {begin} to {end} of {u}")
     check_lengths(
-        last=(steps.last, (u,)), tau=(steps.tau, (u,)), at_standstill=(steps.at_standstill, (u,)),
+        last=(steps.last, (u,)), tau=(steps.tau, (u,)), stamp=(steps.stamp, (u,)),
+        at_standstill=(steps.at_standstill, (u,)),
         new_standstill=(steps.new_standstill, (u,)),
         position=(steps.position, (u, 3)), quaternion=(steps.quaternion, (u, 4)), given=(steps.given, (2,)),
         regressor=(steps.regressor, (u, 6, steps.regressor.shape[2])),
@@ -150,8 +151,9 @@ def _check_record(record: Record, begin: int, end: int, belief: Gaussian, model:
     u, m = len(record.used), MEASURED
     if end > u:
         raise ValueError(f"updates {begin} to {end} for a record of {u}")
-    numbers, wide, six = (record.nis, record.log_likelihood, record.turn_information), record[6:10], record[10:12]
-    shapes = {(u,): numbers, (u, m): wide, (u, 6): six}
+    numbers, wide = (record.nis, record.log_likelihood, record.turn_information), record[6:10]
+    six = (record.passing, record.correction, record.correction_variance)
+    shapes = {(u,): numbers, (u, m): wide, (u, 6): six, (u, 2): (record.late,)}
     check_lengths(**{f"record_{len(s)}_{i}": (a, s) for s, arrays in shapes.items() for i, a in enumerate(arrays)})
     n, tables, known = belief.upper.shape[0], len(record.transition), len(record.before)
     if tables not in (0, u) or known not in (0, u):

@@ -139,16 +139,17 @@ class Model(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Updates in their order: samples, reference seconds, pose, regressor of the robot's errors.
+    """Updates in their order: samples, reference seconds and their deviation, pose, regressor of the robot's errors.
 
-    first, last, tau, at_standstill, new_standstill (u,); position (u, 3), quaternion (u, 4), of which `given` (2,) says
-    whether they are measured; regressor (u, 6, e), with e = 0 without a robot; about (u, a), the first numbers of the
-    stored state that derivatives are taken about: the rest are those of the mean.
+    first, last, tau, stamp, at_standstill, new_standstill (u,); position (u, 3), quaternion (u, 4), of which `given`
+    (2,) says whether they are measured; regressor (u, 6, e), with e = 0 without a robot; about (u, a), the first
+    numbers of the stored state that derivatives are taken about: the rest are those of the mean.
     """
 
     first: Indices
     last: Indices
     tau: Numbers
+    stamp: Numbers
     at_standstill: Mask
     new_standstill: Mask
     position: Table
@@ -163,7 +164,9 @@ class Record(NamedTuple):
 
     mean (u, first numbers of the stored state), deviation (u, first degrees of freedom), used (u,); nis,
     log_likelihood, turn_information (u,); whitened, innovation, residual, noise_variance (u, 9): position, orientation,
-    velocity, nan where there is no such measurement; correction, correction_variance (u, 6).
+    velocity, nan where there is no such measurement; passing (u, 6), velocity and rate of b; late (u, 2),
+    error of the stamp by the innovation, with its deviation; correction,
+    correction_variance (u, 6).
 
     What a small change of the state before an update does, without tables where it is not asked for: transition
     (u, c, n) to the c degrees of freedom that move; design (u, 9, n) to the whitened measurement, and gain (u, 9, n),
@@ -181,6 +184,8 @@ class Record(NamedTuple):
     innovation: Table
     residual: Table
     noise_variance: Table
+    passing: Table
+    late: Table
     correction: Table
     correction_variance: Table
     transition: Stack

@@ -31,6 +31,10 @@ class History:
         where there is no such measurement.
     noise_variance : (u, 9)
         The assumed measurement noise, along the diagonal.
+    passing : (u, 6)
+        Velocity in n and rotation rate in b, m/s and rad/s: what an error of a stamp does to position and orientation.
+    late : (u, 2)
+        Error of the pose's stamp by the innovation, s, and its deviation, that of the stamp's own noise included.
     correction, correction_variance : (u, 6)
         Change of velocity and attitude by the update, and the variance the filter expected of it; of a rejected update
         what it would have been.
@@ -51,6 +55,8 @@ class History:
     innovation: Array
     residual: Array
     noise_variance: Array
+    passing: Array
+    late: Array
     correction: Array
     correction_variance: Array
     turn_information: Array

@@ -96,6 +96,7 @@ def _deviations(problem: Problem, updates: Sequence[Update], moving: Array, spac
         kept = np.exp(-spacing / coloured.time)
         lasting = (1.0 + kept) / (1.0 - kept)
     out = np.zeros((len(updates), 6))
+    stamps = problem.noise.stamp_deviations(np.array([update.pose for update in updates]))
     for i, update in enumerate(updates):
         for kind, part in enumerate((slice(0, 3), slice(3, 6))):
             if update.standstill is not None:
@@ -103,7 +104,7 @@ def _deviations(problem: Problem, updates: Sequence[Update], moving: Array, spac
                 continue
             white = coloured.white_factor * (noise.position, noise.orientation)[kind]
             own = (coloured.position, coloured.orientation)[kind] if coloured.time > 0.0 else 0.0
-            out[i, part] = np.sqrt(white**2 + lasting * own**2 + (noise.stamp * moving[i, part]) ** 2)
+            out[i, part] = np.sqrt(white**2 + lasting * own**2 + (stamps[i] * moving[i, part]) ** 2)
     return out
 
 

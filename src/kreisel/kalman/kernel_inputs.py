@@ -27,7 +27,6 @@ _NOISE: dict[str, Callable[[AssumedNoise], float]] = {
     "jitter_position": lambda noise: noise.reference.jitter_position,
     "jitter_orientation": lambda noise: noise.reference.jitter_orientation,
     "standstill_velocity": lambda noise: noise.reference.velocity,
-    "stamp": lambda noise: noise.reference.stamp,
 }
 _COLOURED: dict[str, Callable[[ColouredNoise], float]] = {
     "coloured_time": lambda noise: noise.time,
@@ -180,6 +179,7 @@ def filter_steps(
         first=np.array([update.first for update in updates]),
         last=np.array([update.last for update in updates]),
         tau=np.array([update.tau for update in updates]),
+        stamp=problem.noise.stamp_deviations(poses),
         at_standstill=np.array([update.standstill is not None for update in updates]),
         new_standstill=np.array([update.new_standstill for update in updates]),
         position=positions,
@@ -209,6 +209,8 @@ def filter_record(problem: Problem, u: int, *, slopes: bool = False, varying: in
         innovation=np.empty((u, m)),
         residual=np.empty((u, m)),
         noise_variance=np.empty((u, m)),
+        passing=np.empty((u, 6)),
+        late=np.empty((u, 2)),
         correction=np.empty((u, 6)),
         correction_variance=np.empty((u, 6)),
         transition=np.empty((k, problem.changing, n)),

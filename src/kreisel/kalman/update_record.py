@@ -32,6 +32,8 @@ def history_of(problem: Problem, updates: Sequence[Update], record: Record) -> H
         innovation=record.innovation,
         residual=record.residual,
         noise_variance=record.noise_variance,
+        passing=record.passing,
+        late=record.late,
         correction=record.correction,
         correction_variance=record.correction_variance,
         turn_information=record.turn_information,

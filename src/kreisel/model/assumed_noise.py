@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices, Mask
 
 COLOURED_SHARE = 0.9
 """Share of the variance of the reference's noise on the path that is coloured, if that raises the likelihood."""
@@ -117,6 +117,8 @@ class AssumedNoise:
         Delay that all stamps of the IMU or the reference may have in common, s.
     time_base_sd
         Relative deviation of the IMU's seconds from true ones.
+    stamps : (m,)
+        Standard deviation of the stamp of every pose, s; (0,) where all are those of `reference`.
     """
 
     reference: ReferenceNoise
@@ -134,6 +136,11 @@ class AssumedNoise:
     pose_error: PoseError = PoseError()
     lateness: float = 0.0
     time_base_sd: float = 0.0
+    stamps: Array = field(default_factory=lambda: np.zeros(0))
+
+    def stamp_deviations(self, poses: Indices) -> Array:
+        """Return the standard deviations of the stamps of some poses, s."""
+        return self.stamps[poses] if self.stamps.size else np.full(len(poses), self.reference.stamp)
 
     @property
     def coloured(self) -> ColouredNoise:
@@ -153,3 +160,8 @@ class AssumedNoise:
             math.hypot(noise.standstill_position, own.position),
             math.hypot(noise.standstill_orientation, own.orientation),
         )
+
+
+def stamps_of(usual: float, wrong: Mask, interval: float) -> Array:
+    """Return the deviations of stamps (m,): as usual, or as long as from pose to pose; (0,) if none is wrong."""
+    return np.where(wrong, interval, usual) if wrong.any() else np.zeros(0)

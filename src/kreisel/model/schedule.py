@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from kreisel.geometry.rotation import Array
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.model.standstill import ImuStillness, Standstill
 from kreisel.synchronization.clock import Clock
 
@@ -66,3 +68,8 @@ class Schedule:
     attitude: Array
     attitude_sd: float = 0.2
     stillness: ImuStillness | None = field(default=None, repr=False)
+
+    @property
+    def poses(self) -> Indices:
+        """The poses of the updates, (updates,)."""
+        return np.array([update.pose for update in self.updates], dtype=np.int64)

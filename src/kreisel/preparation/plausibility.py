@@ -8,6 +8,7 @@ from kreisel.errors import ExcitationError, RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, nearest_rotation
 from kreisel.preparation.acceleration_check import AccelerationFit, fit_accelerations
 from kreisel.preparation.preparation import Preparation
+from kreisel.preparation.reference_noise import stamp_resolution
 from kreisel.preparation.turning_axes import turns
 from kreisel.recording.location import is_table, wrong_unit
 from kreisel.recording.recording import ReferencePoses
@@ -124,7 +125,7 @@ def _check_turned(reference: ReferencePoses, K_omega: Array) -> None:
 def _check_clocks(preparation: Preparation) -> None:
     fit, source = preparation.rate_fit, preparation.reference.source
     # stamps rounded to a unit have errors of that size, and these are not random
-    limit = max(MAX_CLOCK_DRIFT, 2.0 * 12.0**0.5 * preparation.noise.stamp)
+    limit = max(MAX_CLOCK_DRIFT, 2.0 * stamp_resolution(preparation.reference))
     tau, shift, sd = fit.clock_drift.T
     known = (sd < 0.5 * limit) & np.isfinite(shift)
     off = shift - float(np.median(shift[known])) if known.sum() > 2 else np.zeros(shift.size)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.readings import Readings
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.robot_model import RobotModel
@@ -98,7 +98,10 @@ class AccelerometerFit:
 
 @dataclass(frozen=True)
 class Preparation:
-    """Results of all steps before the filter."""
+    """Results of all steps before the filter.
+
+    wrong_stamps: (m,), whether the stamp of a pose is wrong by far more than those of others, by the gyros.
+    """
 
     recording: Recording
     reference: ReferencePoses
@@ -113,6 +116,7 @@ class Preparation:
     standstills: tuple[Standstill, ...]
     outside_standstill: OutsideStandstill | None
     robot: RobotModel | None
+    wrong_stamps: Mask
     warnings: tuple[DataWarning, ...]
     time_base_sd: float = 0.0
 

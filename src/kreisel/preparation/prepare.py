@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.inertial.readings import Readings
 from kreisel.model.calibration_settings import CalibrationSettings
@@ -20,13 +22,15 @@ from kreisel.preparation.standstill_search import find_standstills, imu_stillnes
 from kreisel.preparation.time_base import time_base_deviation, time_base_warning
 from kreisel.preparation.warnings import (
     misstated_warnings,
+    noisy_stamps_warning,
     overlap_warning,
     reference_warnings,
-    stamp_warning,
+    rounded_warning,
     standstill_warning,
 )
 from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
 from kreisel.synchronization.fits import RateFit
+from kreisel.synchronization.stamp_errors import stamp_errors
 from kreisel.tasks import Executor, sequential
 from kreisel.validation.imu_checks import check_quantities
 
@@ -59,6 +63,8 @@ def prepare_recording(
     site, of_site = site_of(recording.settings.site)
     stillness = imu_stillness(recording.imu)
     assumed = assumed_noise(recording.settings.reference, recording.reference_kind, reference)
+    stamps = stamp_errors(compared.readings, reference, fit)
+    assumed = replace(assumed, stamp=max(assumed.stamp, stamps.deviation))
     standstills = find_standstills(stillness, reference, fit.clock, assumed)
     outside = standstill_outside(recording.imu, stillness, reference, fit.clock)
     robot, of_robot = _robot(recording, reference, settings)
@@ -76,6 +82,7 @@ def prepare_recording(
         standstills=standstills,
         outside_standstill=outside,
         robot=robot,
+        wrong_stamps=stamps.wrong,
         warnings=(
             *of_restarts,
             *compared.warnings,
@@ -84,7 +91,8 @@ def prepare_recording(
             *overlap_warning(float(recording.imu.seconds[-1]), reference, fit.clock),
             *of_site,
             *standstill_warning(outside),
-            *stamp_warning(assumed),
+            *rounded_warning(reference),
+            *noisy_stamps_warning(stamps),
             *misstated_warnings(compared.imu_noise),
             *of_robot,
         ),

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import OutsideStandstill
 from kreisel.preparation.preparation import ImuNoise
+from kreisel.preparation.reference_noise import stamp_resolution
 from kreisel.recording.recording import DataWarning, ReferencePoses
 from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.stamp_errors import StampErrors
 
 _MIN_COMMON_SHARE = 0.7
 """Share of the shorter of the two that IMU and reference have in common usually."""
@@ -67,10 +68,21 @@ def misstated_warnings(noise: ImuNoise) -> list[DataWarning]:
     ]
 
 
-def stamp_warning(noise: ReferenceNoise) -> list[DataWarning]:
+def rounded_warning(reference: ReferencePoses) -> list[DataWarning]:
     """Return the warning that the reference's stamps are rounded."""
-    if noise.stamp == 0.0:
+    step = stamp_resolution(reference)
+    if step == 0.0:
         return []
-    step = noise.stamp * 12**0.5 * 1e3
-    message = f"the reference's stamps are rounded to {step:.0f} ms; this is treated as noise along the motion"
+    message = f"the reference's stamps are rounded to {1e3 * step:.0f} ms; this is treated as noise along the motion"
+    return [DataWarning("stamps", message)]
+
+
+def noisy_stamps_warning(found: StampErrors) -> list[DataWarning]:
+    """Return the warning that the reference's stamps differ at random from when its poses were taken."""
+    if found.deviation == 0.0:
+        return []
+    message = (
+        f"by the gyros the reference's stamps are wrong by {1e3 * found.deviation:.2g} ms at random; this is treated "
+        "as noise along the motion"
+    )
     return [DataWarning("stamps", message)]

@@ -39,6 +39,7 @@ from kreisel.refinement.nominal_values import with_nominal_values
 from kreisel.refinement.parameter_walk import found_walks, may_walk
 from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, prior_penalty, with_wider_priors
 from kreisel.refinement.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
+from kreisel.refinement.wrong_stamps import with_wrong_stamps
 from kreisel.tasks import Executor, sequential
 
 MAX_NOISE_PASSES = 8
@@ -314,18 +315,19 @@ def _until_settled(problem: Problem, before: int, work: _Work, begun: Fit | None
     count, adapted = 1, False
     near, share, change = run, 1.0, np.zeros(0)
     while True:
-        factors = noise_factors(run, coloured=problem.noise.correlation_time > 0.0)
+        factors = noise_factors(problem, run)
         rejected = 1.0 - float(np.mean(run.history.used))
         factors = factors.contradicted(reference=given.reference, imu=given.imu, rejected=rejected)
         factors = within_bounds(problem, factors)
         if count == 1 and problem.reference.quaternions is None:
             factors = NoiseFactors()  # the attitude was a guess: such innovations do not show the noise
-        settled = factors.agree() or count >= MAX_NOISE_PASSES
+        marked = with_wrong_stamps(problem, run) if factors.agree() else problem
+        settled = (factors.agree() and marked is problem) or count >= MAX_NOISE_PASSES
         if settled and not _another_pass(problem, run, moved, count):
             return _Passes(problem, run, before + count, adapted, moved if count > 1 else 0.0)
         if count == 1:
             far = curved(problem, run) or assigns_otherwise(problem, run.parameters.clock)
-        problem = rescheduled(with_attitudes_of(problem, run), run.parameters.clock)
+        problem = rescheduled(with_attitudes_of(marked, run), run.parameters.clock)
         if not factors.agree():
             problem, adapted = with_factors(problem, factors), True
         count += 1

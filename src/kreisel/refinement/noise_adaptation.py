@@ -11,6 +11,7 @@ from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
 from kreisel.model.problem import Problem, with_readings
 from kreisel.recording.recording import DataWarning
+from kreisel.refinement.pose_noise import pose_factors
 
 CONTRADICTION = 2.0
 """Factor on a given standard deviation above which the data contradict it."""
@@ -21,6 +22,9 @@ FEW_REJECTED = 0.02
 _AGREEMENT = 1.2
 """Factor up to which noise agrees. Chosen: of 200 updates noise is known to 5 %, 1 / sqrt(400), so that chance alone
 does not cause a further pass; deviations are then right to 20 %. It was 1.15 at first."""
+
+_FEWEST = 15
+"""Updates from which noise is found."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +63,8 @@ class NoiseFactors:
         )
 
 
-def noise_factors(run: Fit, *, coloured: bool = False) -> NoiseFactors:
-    """Return the factors between observed and assumed noise.
+def noise_factors(problem: Problem, run: Fit) -> NoiseFactors:
+    """Return the factors between observed noise and that assumed in a run over a problem.
 
     With coloured noise, innovations and residuals no longer show its size. The mean NIS is then used for both
     position and orientation.
@@ -72,7 +76,7 @@ def noise_factors(run: Fit, *, coloured: bool = False) -> NoiseFactors:
     that is stated too small would confirm itself. IMU: the updates' corrections of attitude and velocity are compared
     with the variance the filter expected of them. The largest and smallest two per cent are left out.
     """
-    history, excess = run.history, run.excess**0.5
+    history, excess, assumed = run.history, run.excess**0.5, problem.noise
     settled = np.arange(history.nis.size) >= history.nis.size // 10
     path = settled & ~history.at_standstill
 
@@ -90,13 +94,18 @@ def noise_factors(run: Fit, *, coloured: bool = False) -> NoiseFactors:
     if at_standstill.sum() >= 6:
         ratio = run.excess * float(np.median(history.nis[at_standstill] / history.degrees[at_standstill]))
         standstill = float(np.sqrt(np.clip(ratio, 1.0, 1e3)))
-    size = None
-    if coloured and (path & history.used).any():
+    if assumed.correlation_time > 0.0 and (path & history.used).any():
         used = path & history.used
-        size = excess * float(np.sqrt(mean_normalised(history.nis[used], history.degrees[used])))
+        position = orientation = excess * float(np.sqrt(mean_normalised(history.nis[used], history.degrees[used])))
+    elif assumed.reference.stamp > 0.0 and path.sum() >= _FEWEST:
+        stamps = assumed.stamp_deviations(problem.schedule.poses)
+        found = pose_factors(history, path, (assumed.reference.position, assumed.reference.orientation), stamps)
+        position, orientation = (excess * factor for factor in found)
+    else:
+        position, orientation = reference(slice(0, 3)), reference(slice(3, 6))
     return NoiseFactors(
-        position=reference(slice(0, 3)) if size is None else size,
-        orientation=reference(slice(3, 6)) if size is None else size,
+        position=position,
+        orientation=orientation,
         standstill=standstill,
         gyro=imu(slice(3, 6)),
         accel=imu(slice(0, 3)),
@@ -125,7 +134,7 @@ def _trimmed_ratio(observed: Array, assumed: Array) -> float:
     A variance is zero where nothing was measured, or nothing is estimated.
     """
     known = np.isfinite(assumed) & (assumed > 0.0)
-    if known.sum() < 15 or not np.isfinite(observed).all():
+    if known.sum() < _FEWEST or not np.isfinite(observed).all():
         return 1.0
     ratio = np.sort(observed[known] / assumed[known])
     cut = max(1, ratio.size // 50)

@@ -220,7 +220,7 @@ def _moved(before: RateFit, after: RateFit) -> float:
 
 
 @dataclass(frozen=True)
-class _Comparison:
+class Comparison:
     """Rotations within the IMU's recording, as measured by the reference and as predicted by the readings.
 
     Attributes
@@ -243,19 +243,19 @@ class _Comparison:
     slope: Array
 
 
-def _compare(parts: Iterable[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock) -> _Comparison:
+def _compare(parts: Iterable[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock) -> Comparison:
     """Return how the rotations compare in all parts together."""
     found = [_compare_in(part, rotations, K, b, clock) for part in parts]
-    return _Comparison(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(_Comparison)))
+    return Comparison(*(np.concatenate([getattr(one, f.name) for one in found]) for f in fields(Comparison)))
 
 
-def _compare_in(part: _Integrated, rotations: _Rotations, K: Array, b: Array, clock: Clock) -> _Comparison:
+def _compare_in(part: _Integrated, rotations: _Rotations, K: Array, b: Array, clock: Clock) -> Comparison:
     q = integrate_attitude(part.signal, linear_rate(K, b))
     within = rotations.inside(part.signal, clock)
     t = np.column_stack([clock.imu_time(within.tau_first), clock.imu_time(within.tau_last)])
     turned, residual, slope = compare_rotations(part.rate_signal, q, np.ascontiguousarray(K), b, t, within.rotation)
     middle = 0.5 * (within.tau_first + within.tau_last)
-    return _Comparison(turned, t[:, 1] - t[:, 0], middle, within.rotation, residual, slope)
+    return Comparison(turned, t[:, 1] - t[:, 0], middle, within.rotation, residual, slope)
 
 
 def _refine(
@@ -321,7 +321,17 @@ def turn_errors(
     return np.array(middle), first, second
 
 
-def _clock_drift(seen: _Comparison) -> Array:
+def steps_between(readings: Readings, tau: Array, q: Array, fit: RateFit) -> Comparison:
+    """Return how the rotations between neighbouring poses compare with those by the gyros.
+
+    Of a long recording, in chunks spread evenly.
+    """
+    rotations = rotations_between(tau, q, float(np.median(np.diff(tau))))
+    parts = (_Integrated.of(part) for part in readings.excerpt(*fit.clock.imu_time(tau[[0, -1]])))
+    return _compare(parts, rotations, fit.K_omega, fit.rate_at_zero, fit.clock)
+
+
+def _clock_drift(seen: Comparison) -> Array:
     """Return middle, shift and its standard deviation in a dozen parts of the recording, (k, 3)."""
     edges = np.linspace(seen.tau.min(), seen.tau.max() + 1e-9, CLOCK_DRIFT_PARTS + 1)
     found = []

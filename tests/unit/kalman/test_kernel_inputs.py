@@ -88,10 +88,9 @@ def test_noise_on_the_path_is_split_into_white_and_coloured():
                 filter_arguments.NOISE["jitter_position"],
                 filter_arguments.NOISE["jitter_orientation"],
                 filter_arguments.NOISE["standstill_velocity"],
-                filter_arguments.NOISE["stamp"],
             ]
         ],
-        [own.jitter_position, own.jitter_orientation, own.velocity, own.stamp],
+        [own.jitter_position, own.jitter_orientation, own.velocity],
     )
 
 

@@ -33,8 +33,9 @@ def made_up(problem, updates, rng, present):
         Pzz, z = H @ P @ H.T + R, rng.normal(size=m)
         S, gain = np.linalg.cholesky(Pzz), np.full((20, m), 7.0)
         gain[[11, 12, 13, 17, 18, 19]] = P @ H.T @ np.linalg.inv(S).T
-        record_update(record, i, z, root, S, np.linalg.solve(S, z), gain, place, used=bool(record.used[i]))
-        exact.append((H, P, R, Pzz, z))
+        passing = rng.normal(size=6)
+        record_update(record, i, z, passing, root, S, np.linalg.solve(S, z), gain, place, used=bool(record.used[i]))
+        exact.append((H, P, R, passing, Pzz, z))
     return record, exact
 
 
@@ -73,7 +74,7 @@ def test_log_likelihoods_are_the_normal_densities_but_for_their_constant(case):
 def test_residuals_are_what_is_left_of_the_innovation_after_the_update(case):
     """z - H K z, with the gain K of the book; nan where there is no such measurement."""
     *_, exact, found = case
-    for i, (H, P, R, Pzz, z) in enumerate(exact):
+    for i, (H, P, R, _, Pzz, z) in enumerate(exact):
         left = z - H @ (P @ H.T @ np.linalg.solve(Pzz, z))
         m = z.size
         np.testing.assert_allclose(found.residual[i, :m], left, rtol=1e-8, atol=1e-10)
@@ -85,7 +86,7 @@ def test_residuals_are_what_is_left_of_the_innovation_after_the_update(case):
 
 def test_corrections_are_the_gains_and_their_variance_what_the_covariance_falls_by(case):
     *_, exact, found = case
-    for i, (H, P, _, Pzz, z) in enumerate(exact):
+    for i, (H, P, *_, Pzz, z) in enumerate(exact):
         K = P @ H.T @ np.linalg.inv(Pzz)
         np.testing.assert_allclose(found.correction[i], K @ z, rtol=1e-8, atol=1e-10)
         np.testing.assert_allclose(found.correction_variance[i], np.diag(P - (np.eye(6) - K @ H) @ P), rtol=1e-8)
@@ -96,6 +97,15 @@ def test_information_on_turns_is_the_trace_of_the_inverse_over_orientation_and_n
     want = [np.trace(np.linalg.inv(Pzz)[3:6, 3:6]) for *_, Pzz, _ in exact]
     assert not found.used.all()
     np.testing.assert_allclose(found.turn_information, found.used * want, rtol=1e-8)
+
+
+def test_errors_of_stamps_are_those_of_generalised_least_squares(case):
+    *_, exact, found = case
+    for i, (*_, passing, Pzz, z) in enumerate(exact):
+        m = np.pad(passing, (0, z.size - 6))
+        weight = m @ np.linalg.solve(Pzz, m)
+        np.testing.assert_allclose(found.late[i], [m @ np.linalg.solve(Pzz, z) / weight, weight**-0.5], rtol=1e-9)
+        np.testing.assert_array_equal(found.passing[i], passing)
 
 
 @pytest.mark.parametrize(("lacking", "rows"), [("quaternions", [0, 1, 2]), ("positions", [3, 4, 5])])

@@ -159,9 +159,11 @@ def test_clocks_that_may_be_steady_pass(parts):
 
 
 def test_stamps_rounded_to_ten_milliseconds_may_be_off_by_twice_that():
-    noise = replace(sound().noise, stamp=0.01 / np.sqrt(12.0))
+    found = sound().reference
+    stamps = found.stamps_ns[0] + 10_000_000 * np.cumsum(np.resize([3, 4, 5], found.stamps_ns.size))
+    rounded = replace(found, stamps_ns=stamps)
     for shift, bad in ((19e-3, False), (21e-3, True)):
-        preparation = replace(with_fit(clock_drift=drift(0.0, 0.0, shift, 0.0)), noise=noise)
+        preparation = replace(with_fit(clock_drift=drift(0.0, 0.0, shift, 0.0)), reference=rounded)
         if bad:
             assert "21 ms" in refused(preparation, SynchronizationError)
         else:

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from kreisel.fitting.fit import Fit
-from kreisel.model.problem import with_readings
+from kreisel.model.problem import with_correlation_time, with_readings
 from kreisel.refinement.noise_adaptation import (
     NoiseFactors,
     imu_density,
@@ -44,7 +44,8 @@ def drawn(rng, factors):
 
 
 def factors_of(columns, fitted=0.0, *, coloured=False):
-    return noise_factors(Fit(None, None, None, history(U, **columns), fitted), coloured=coloured)
+    problem = with_correlation_time(small_problem(), 1.0) if coloured else small_problem()
+    return noise_factors(problem, Fit(None, None, None, history(U, **columns), fitted))
 
 
 def test_each_factor_is_the_one_by_which_its_noise_is_larger():
