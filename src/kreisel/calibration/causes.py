@@ -14,6 +14,7 @@ from kreisel.inertial.noise_figures import coarse_step
 from kreisel.model.considered_terms import describe
 from kreisel.model.problem import Problem
 from kreisel.preparation.gravity import UNKNOWN_SD
+from kreisel.preparation.reference_noise import stamp_resolution
 from kreisel.recording.recording import excerpt
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import CONTRADICTION, imu_density
@@ -39,6 +40,9 @@ _EXCERPT = 20_000
 
 _COARSE = 1e-3
 """Step, as a share of the motion's size, below which rounding has no effect."""
+
+_NOISY, _LITTLE = 1.1, 5.0
+"""Times the noise by rounding from which stamps are a cause; weight of a cause that the model contains."""
 
 _CERTAIN = 1e5
 """Weight of what is seen in the readings themselves, and of a turn that no arm's own errors make."""
@@ -67,6 +71,7 @@ def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: Latitu
         *_offsets(estimate),
         *_robot(estimate),
         *_rounding(estimate),
+        *_stamps(estimate),
         *_misstated(estimate),
         *_noise(estimate),
     ]
@@ -174,6 +179,16 @@ def _rounding(estimate: Estimate) -> list[Cause]:
         if step > 0.0 and step > _COARSE * float(np.median(np.abs(values - np.median(values, axis=0)))):
             out.append(Cause("rounding", f"{name} readings are rounded to steps of {step:.2g} {unit}", _CERTAIN))
     return out
+
+
+def _stamps(estimate: Estimate) -> list[Cause]:
+    """Return stamps of the reference that the gyros show to be noisy."""
+    problem = estimate.problem
+    stamp = problem.noise.reference.stamp
+    if stamp <= _NOISY * stamp_resolution(problem.reference) / 12.0**0.5:
+        return []
+    text = f"poses are taken at other times than stamped, by {1e3 * stamp:.2g} ms at random"
+    return [Cause("jitter", text, _LITTLE)]
 
 
 def _noise(estimate: Estimate) -> list[Cause]:

@@ -39,7 +39,7 @@ from kreisel.refinement.nominal_values import with_nominal_values
 from kreisel.refinement.parameter_walk import found_walks, may_walk
 from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, prior_penalty, with_wider_priors
 from kreisel.refinement.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
-from kreisel.refinement.wrong_stamps import with_wrong_stamps
+from kreisel.refinement.wrong_stamps import with_wrong_stamps, wrong_stamps_warning
 from kreisel.tasks import Executor, sequential
 
 MAX_NOISE_PASSES = 8
@@ -183,7 +183,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     warnings += discrepancy.warnings
     if adapted:
         warnings.append(noise_warning(passes.problem, given=work.given.reference and work.given.imu))
-    warnings += _whiteness(passes.problem, factor)
+    warnings += [*wrong_stamps_warning(passes.problem), *_whiteness(passes.problem, factor)]
     last = _last_survey(passes, work)
     found = passes.problem
     run, errors = with_nominal_values(found, passes.run, factor)

@@ -9,6 +9,7 @@ import numpy as np
 from kreisel.fitting.fit import Fit
 from kreisel.model.assumed_noise import stamps_of
 from kreisel.model.problem import Problem
+from kreisel.recording.recording import DataWarning
 
 _WRONG, _RIGHT = 3.5, 2.5
 """Deviations of a stamp beyond which it counts as wrong, and within which it does no longer."""
@@ -39,3 +40,15 @@ def with_wrong_stamps(problem: Problem, run: Fit) -> Problem:
     marked[np.flatnonzero(noise.stamps > usual)] = True
     marked[poses] = wrong
     return replace(problem, noise=replace(noise, stamps=stamps_of(usual, marked, problem.reference.interval)))
+
+
+def wrong_stamps_warning(problem: Problem) -> list[DataWarning]:
+    """Return the warning that some of the poses that are used have wrong stamps."""
+    noise = problem.noise
+    count = int(np.sum(noise.stamp_deviations(problem.schedule.poses) > noise.reference.stamp))
+    if count == 0:
+        return []
+    message = (
+        f"stamps of {count} poses are wrong by far more than those of others; these count only across their motion"
+    )
+    return [DataWarning("stamps", message)]
