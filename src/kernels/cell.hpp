@@ -37,7 +37,7 @@ struct Model {
 /// Places of parts in `Model::stored`.
 ORDER(Stored, VELOCITY, POSITION, ATTITUDE, STANDSTILL_POSITION, STANDSTILL_ORIENTATION, PATH_POSITION, PATH_ORIENTATION);
 
-/// Places of figures in `Model::noise`: reference on the path and at standstill, velocity at standstill, stamps.
+/// Places of figures in `Model::noise`: reference on the path and at standstill, velocity at standstill.
 ORDER(Noise, AT_POSITION, AT_ORIENTATION, JITTER_POSITION, JITTER_ORIENTATION, STANDSTILL_VELOCITY);
 
 /// Places of numbers in `Model::coloured`.

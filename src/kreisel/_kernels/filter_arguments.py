@@ -164,9 +164,8 @@ class Record(NamedTuple):
 
     mean (u, first numbers of the stored state), deviation (u, first degrees of freedom), used (u,); nis,
     log_likelihood, turn_information (u,); whitened, innovation, residual, noise_variance (u, 9): position, orientation,
-    velocity, nan where there is no such measurement; passing (u, 6), velocity and rate of b; late (u, 2),
-    error of the stamp by the innovation, with its deviation; correction,
-    correction_variance (u, 6).
+    velocity, nan where there is no such measurement; passing (u, 6), velocity and rate of b; late (u, 2), error of the
+    stamp by the innovation, with its deviation; correction, correction_variance (u, 6).
 
     What a small change of the state before an update does, without tables where it is not asked for: transition
     (u, c, n) to the c degrees of freedom that move; design (u, 9, n) to the whitened measurement, and gain (u, 9, n),

@@ -63,7 +63,9 @@ def calibrate(
         help="Of spkf, which it chooses: central-difference, unscented or cubature.",
         autocompletion=completion.one_of(completion.WEIGHTS),
     ),
-    update_interval: float | None = typer.Option(None, help="Seconds between updates (robot 0.48, mocap 0.24)."),
+    update_interval: float | None = typer.Option(
+        None, help="Seconds between updates (robot 0.48, mocap 0.24; less in short recordings)."
+    ),
     polynomial_order: int = typer.Option(1, help="1: offset and scale; 2: a quadratic term too; up to 5."),
     fix: list[str] = typer.Option(
         [],
