@@ -146,7 +146,7 @@ struct UpdateArrays {
     Numbers mean;
     Table upper;                     // (n, n)
     Table points, noise, seen, prediction_noise;
-    Numbers innovation, passing;
+    Numbers innovation;
     Table factor;
     Numbers nis;                     // (1,)
     Table innovation_factor;

@@ -54,11 +54,18 @@ class PoseError:
         Standard deviations, m and rad; zero where there is no arm, or its errors are estimated.
     time
         Time over which the arm, in this motion, keeps nearly the same posture, s.
+    assumed
+        Whether nothing is stated of their size.
     """
 
     position: float = 0.0
     orientation: float = 0.0
     time: float = 0.0
+    assumed: bool = False
+
+    def larger(self, factor: float) -> PoseError:
+        """Return the error times a factor."""
+        return replace(self, position=factor * self.position, orientation=factor * self.orientation)
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,12 @@ def frame_sd_of(preparation: Preparation) -> tuple[float, float]:
     )
 
 
+def _nothing_stated(preparation: Preparation) -> bool:
+    """Return whether the user states nothing of a robot's errors."""
+    stated = preparation.recording.settings.robot
+    return stated.length_sd is None and stated.angle_sd is None
+
+
 def _with_held_values(start: CellParameters, preparation: Preparation, settings: CalibrationSettings) -> CellParameters:
     """Return the start values, with the values the user gave for fixed groups."""
     if not settings.fixed_values:
@@ -103,7 +109,7 @@ def _of_layout(covariance: dict[str, Array], layout: StateLayout) -> dict[str, A
     return out
 
 
-def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> PoseError:
+def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float], *, assumed: bool = False) -> PoseError:
     """Return the part of a robot's pose error that errors of the base and tool frames cannot represent.
 
     It is assumed to be as large as that of the frames; an angle acts on positions over `REACH`. It changes with the
@@ -120,7 +126,7 @@ def _pose_error(reference: ReferencePoses, frame_sd: tuple[float, float]) -> Pos
     seconds = float(reference.seconds[-1])
     time = float(np.clip(_POSTURE * seconds / max(turned, 1e-9), *_POSTURE_TIMES))
     larger = math.sqrt(max(1.0, turned / (_POSTURE * _POSTURES)))
-    return PoseError(larger * math.hypot(length, REACH * angle), larger * angle, time)
+    return PoseError(larger * math.hypot(length, REACH * angle), larger * angle, time, assumed=assumed)
 
 
 def build_problem(preparation: Preparation, settings: CalibrationSettings) -> Problem:
@@ -211,7 +217,7 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         observed=imu.observed,
         misstated=imu.misstated,
         frame_sd=frame_sd,
-        pose_error=_pose_error(preparation.reference, frame_sd),
+        pose_error=_pose_error(preparation.reference, frame_sd, assumed=_nothing_stated(preparation)),
         time_base_sd=preparation.time_base_sd,
         axes=turning_axes(preparation.reference) if max(frame_sd) > 0.0 else np.zeros((0, 3)),
         axis_sd=_AXIS_SD if preparation.recording.settings.robot.angle_sd is None else frame_sd[1],

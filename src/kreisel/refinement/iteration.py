@@ -21,6 +21,7 @@ from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, with_correlation_time
 from kreisel.progress import Progress, StepProgress, of_step
 from kreisel.recording.recording import DataWarning
+from kreisel.refinement.arm_size import most_likely_size, with_arm_size
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy
@@ -169,7 +170,7 @@ def estimate(
 
 
 def _estimate(problem: Problem, work: _Work) -> Estimate:
-    passes = _until_settled(problem, 0, work)
+    passes = _with_arm_size(_until_settled(problem, 0, work), work)
     passes = _without_contradiction(problem, passes, work)
     passes = _without_needless(problem, _with_effects(problem, passes, work), work)
     passes = _without_contradiction(problem, passes, work)
@@ -419,6 +420,27 @@ def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Pa
     if _probability(last) < _probability(passes):
         return passes, Discrepancy()
     return last, found
+
+
+def _with_arm_size(passes: _Passes, work: _Work) -> _Passes:
+    """Return the passes with errors of an arm as large as the data show, where nobody stated them.
+
+    Noise is that of the usual size while sizes are compared: it must not stand for the arm.
+    """
+    noise = passes.problem.noise
+    if not noise.pose_error.assumed or passes.problem.settings.passes is not None:
+        return passes
+
+    def log_probability(size: float) -> float:
+        trial = replace(passes.problem, noise=replace(noise, pose_error=noise.pose_error.larger(size)))
+        return _probability(replace(passes, problem=trial, run=work.estimator.refit(trial, passes.run)))
+
+    found = with_arm_size(noise, most_likely_size(log_probability))
+    problem = replace(passes.problem, noise=found)
+    if found.pose_error == noise.pose_error:
+        return replace(passes, problem=problem)
+    again = _until_settled(problem, passes.count, work, passes.run)
+    return replace(again, adapted=passes.adapted or again.adapted)
 
 
 def _probability(passes: _Passes) -> float:
