@@ -95,8 +95,8 @@ def test_an_mpu_9150_turned_by_hand():
 @pytest.mark.parametrize(
     "name",
     [
-        "sim_inaccurate_robot_300s",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("sim_fog_mems_300s", "sim_turned_drifting_120s")),
+        "sim_turned_drifting_120s",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("sim_fog_mems_300s", "sim_inaccurate_robot_300s")),
     ],
 )
 def test_recordings_of_another_simulator_without_their_poses(recordings, name):

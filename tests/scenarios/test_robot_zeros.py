@@ -105,6 +105,7 @@ def test_a_pass_is_linear_about_its_zeros(by_angles):
     )
 
 
+@pytest.mark.slow
 def test_the_arm_must_be_known(off):
     for model, message in (
         ("irb2500", r"unknown robot.model 'irb2500'; known are: .*irb2400"),
@@ -115,6 +116,7 @@ def test_the_arm_must_be_known(off):
             run_calibration(replace(off[1], joints=None, urdf=None, settings=stated), CalibrationSettings())
 
 
+@pytest.mark.slow
 def test_another_arm_is_no_arm(off):
     """A description that does not reach the poses: a warning, and errors as of any robot."""
     urdf = kinematics.load_arm("irb120").urdf

@@ -288,6 +288,7 @@ def test_raw_counts_are_calibrated_and_applied_to_counts(cell, refused, tmp_path
     refused("raw counts", "allan", tmp_path / "raw")
 
 
+@pytest.mark.slow
 def test_a_robot_stops_and_is_calibrated(cell, tmp_path):
     """`calibrate --method static` and `kreisel robot` on a simulated cell."""
     text = "seed = 2\nseconds = 80\n"
@@ -311,6 +312,7 @@ def test_a_robot_stops_and_is_calibrated(cell, tmp_path):
         assert "--method static" in done.stderr
 
 
+@pytest.mark.slow
 def test_recordings_of_one_device_are_calibrated_together(refused, tmp_path):
     for number in (1, 2):
         made = run("simulate", "--seed", "31", "--run", str(number), "--seconds", "50", "-o", tmp_path / f"run{number}")
