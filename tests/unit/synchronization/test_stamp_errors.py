@@ -56,7 +56,7 @@ def test_noise_that_is_larger_about_one_axis_is_none_of_stamps():
     assert found(turned=turned).deviation == 0.0
 
 
-def test_a_clock_that_wanders_slowly_is_none_of_stamps():
+def test_a_clock_that_drifts_to_and_fro_is_none_of_stamps():
     late = 3e-3 * np.sin(2.0 * np.pi * poses().seconds / 8.0)
     assert found(late - late[0]).deviation == 0.0
 
