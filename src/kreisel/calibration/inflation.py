@@ -49,7 +49,8 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         of_frames = frame_columns(problem, run.parameters, (length, angle))
         columns = np.hstack([of_frames, position_scale_column(problem, run, found.estimator, length)])
         out.append(Contribution("the robot's frames and lengths", Source.ROBOT, columns, common=True))
-        warnings.append(_frame_warning(length, angle))
+        first = (problem if found.stated is None else found.stated).noise
+        warnings.append(_frame_warning(length, angle, shown=length > 1.01 * first.frame_sd[0]))
     if len(noise.axes):
         out.append(Contribution("the robot's axes", Source.ROBOT, axis_columns(problem, run.parameters)))
         warnings.append(_axes_warning(problem))
@@ -138,11 +139,13 @@ def _axes_warning(problem: Problem) -> DataWarning:
     return DataWarning("motion", message)
 
 
-def _frame_warning(length: float, angle: float) -> DataWarning:
+def _frame_warning(length: float, angle: float, *, shown: bool) -> DataWarning:
+    """Return the warning about errors of an arm that cannot be estimated; shown: poses show more than is assumed."""
+    as_shown = ", as large as the poses show" if shown else ""
     message = (
         "its geometric errors cannot be estimated without joint angles and robot.urdf: standard deviations contain "
-        f"{1e3 * length:.2g} mm and {1e3 * angle:.2g} mrad for base and tool frame (robot.length_sd and robot.angle_sd "
-        'in recording.toml state them; for motion capture, write reference.kind = "mocap")'
+        f"{1e3 * length:.2g} mm and {1e3 * angle:.2g} mrad for base and tool frame{as_shown} (robot.length_sd and "
+        'robot.angle_sd in recording.toml state them; for motion capture, write reference.kind = "mocap")'
     )
     return DataWarning("robot", message)
 
