@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.fitting.fit import Fit
-from kreisel.refinement.wrong_stamps import with_wrong_stamps
+from kreisel.refinement.wrong_stamps import with_wrong_stamps, wrong_stamps_warning
 
 from ...small_problem import history, small_problem, with_noise
 
@@ -55,3 +55,12 @@ def test_good_stamps_are_never_wrong():
     error = np.zeros(problem.schedule.poses.size)
     error[7] = WRONG
     assert with_wrong_stamps(problem, run_with(problem, error)) is problem
+
+
+def test_the_warning_counts_the_poses_that_are_used():
+    problem = noisy()
+    assert wrong_stamps_warning(problem) == []
+    stamps = np.full(problem.reference.stamps_ns.size, USUAL)
+    stamps[problem.schedule.poses[[3, 8]]] = WRONG
+    (warning,) = wrong_stamps_warning(with_noise(problem, stamps=stamps))
+    assert "2 of the poses" in str(warning)
