@@ -48,7 +48,5 @@ def wrong_stamps_warning(problem: Problem) -> list[DataWarning]:
     count = int(np.sum(noise.stamp_deviations(problem.schedule.poses) > noise.reference.stamp))
     if count == 0:
         return []
-    message = (
-        f"stamps of {count} poses are wrong by far more than those of others; these count only across their motion"
-    )
+    message = f"{count} of the poses used have stamps that are wrong by far more than others; they count across their motion"
     return [DataWarning("stamps", message)]
