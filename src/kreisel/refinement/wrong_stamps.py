@@ -48,5 +48,7 @@ def wrong_stamps_warning(problem: Problem) -> list[DataWarning]:
     count = int(np.sum(noise.stamp_deviations(problem.schedule.poses) > noise.reference.stamp))
     if count == 0:
         return []
-    message = f"{count} of the poses used have stamps that are wrong by far more than others; they count across their motion"
+    message = (
+        f"{count} of the poses used have stamps that are wrong by far more than others; they count across the motion"
+    )
     return [DataWarning("stamps", message)]
