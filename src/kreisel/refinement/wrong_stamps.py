@@ -36,8 +36,7 @@ def with_wrong_stamps(problem: Problem, run: Fit) -> Problem:
     wrong = path & (size > np.where(own > usual, _RIGHT, _WRONG))
     if not path.any() or float(np.mean(wrong[path])) > _MOST or np.array_equal(wrong, own > usual):
         return problem
-    marked = np.zeros(problem.reference.stamps_ns.size, dtype=bool)
-    marked[np.flatnonzero(noise.stamps > usual)] = True
+    marked = noise.stamp_deviations(np.arange(problem.reference.stamps_ns.size)) > usual
     marked[poses] = wrong
     return replace(problem, noise=replace(noise, stamps=stamps_of(usual, marked, problem.reference.interval)))
 

@@ -21,7 +21,7 @@ _NEAR = 7
 """Poses from whose median error that of the middle one is taken; an odd number."""
 
 _TAIL, _LEAST, _AROUND, _STEPS = 0.01, 1e-7, 25, 8
-"""Share of squares on either side that counts no more than those within; s; errors whose noise is that of one; steps of
+"""Share of squares, the largest, that counts no more than the others; s; errors whose noise is that of one; steps of
 reweighting."""
 
 _CERTAIN, _CLEAR = 4.0, 4.0
@@ -76,8 +76,8 @@ def stamp_errors(readings: Readings, reference: ReferencePoses, fit: RateFit) ->
     squares = errors[:, 0] ** 2
     excess = np.minimum(squares, np.quantile(squares, 1.0 - _TAIL)) - of_orientations
     # errors overlap; the square of one number and half that of two have three times the variance of their mean's square
-    chance = (3.0 * _NEAR / float(np.sum(around**-2.0))) ** 0.5
     by_chance = around**-2.0
+    chance = (3.0 * _NEAR / float(np.sum(by_chance))) ** 0.5
     clear = float(np.average(excess / around, weights=by_chance)) > _CLEAR
     if not clear or float(np.average(excess, weights=by_chance)) < _CERTAIN * chance:
         return StampErrors(0.0, wrong)
