@@ -17,7 +17,6 @@ from kreisel.calibration.lack_of_fit import (
     lack_of_fit,
     lack_of_fit_disagreement,
     larger_deviations,
-    moves_in,
     within_subsets,
 )
 from kreisel.calibration.latitude_check import check_latitude
@@ -125,8 +124,8 @@ def run_calibration(
     facts = consistency(found, preparation.correlation)
     known = _known_scores(preparation, settings, problem, given, progress)
     lack, halves = checks.lack, checks.halves
-    parts, moves = 0 if lack is None else len(lack.influence), moves_in(found.problem, lack)
-    verdict = judge(found, Evidence(seen, facts, halves, checks.latitude, known, moves, parts))
+    parts = 0 if lack is None else len(lack.influence)
+    verdict = judge(found, Evidence(seen, facts, halves, checks.latitude, known, parts))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
     whole = None if checks.of_filter is None else budget_of(found, checks.of_filter)
     calibration = assemble(preparation.recording, found, Assessment(seen, facts, verdict, seconds, whole), warnings)

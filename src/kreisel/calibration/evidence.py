@@ -128,8 +128,7 @@ class Evidence:
     """What a verdict depends on besides the estimate itself; each part is computed by a module of its own.
 
     `known` are the distances of an estimate without them from the priors of single parameters that the user states, in
-    standard deviations, by name. `parts` is the number of parts whose scatter the deviations follow, `moves` that of
-    moves between standstills among them.
+    standard deviations, by name. `parts` is the number of parts whose scatter the deviations follow.
     """
 
     observability: Observability
@@ -137,7 +136,6 @@ class Evidence:
     halves: SplitHalves | None
     latitude: LatitudeCheck | None
     known: Mapping[str, float] = field(default_factory=dict)
-    moves: int = 0
     parts: int = 0
 
 

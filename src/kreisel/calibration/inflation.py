@@ -50,7 +50,7 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         columns = np.hstack([of_frames, position_scale_column(problem, run, found.estimator, length)])
         out.append(Contribution("the robot's frames and lengths", Source.ROBOT, columns, common=True))
         first = (problem if found.stated is None else found.stated).noise
-        warnings.append(_frame_warning(length, angle, shown=length > 1.01 * first.frame_sd[0]))
+        warnings.append(_frame_warning(length, angle, shown=abs(length / first.frame_sd[0] - 1.0) > 0.01))
     if len(noise.axes):
         out.append(Contribution("the robot's axes", Source.ROBOT, axis_columns(problem, run.parameters)))
         warnings.append(_axes_warning(problem))

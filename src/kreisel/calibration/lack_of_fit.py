@@ -17,10 +17,9 @@ from kreisel.estimation.consistency import chi_square_bound
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.blocks import Blocks
-from kreisel.fitting.partition import MIN_BLOCKS, block_ends, standstills_in
+from kreisel.fitting.partition import MIN_BLOCKS, block_ends
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.model.parameters import SENSOR_GROUPS
-from kreisel.model.problem import Problem
 from kreisel.progress import StepProgress
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.estimate import Estimate
@@ -39,11 +38,6 @@ _BEYOND = 2.5
 
 _LAGS = 2
 """Blocks after which scores are independent, for sums of their products (Bartlett weights, Newey and West 1987)."""
-
-
-def moves_in(problem: Problem, lack: LackOfFit | None) -> int:
-    """Return the number of moves between standstills whose scatter is known."""
-    return 0 if lack is None else min(len(lack.influence), standstills_in(problem))
 
 
 def lack_of_fit(found: Estimate, progress: StepProgress | None = None) -> LackOfFit | None:

@@ -56,12 +56,18 @@ class PoseError:
         Time over which the arm, in this motion, keeps nearly the same posture, s.
     assumed
         Whether nothing is stated of their size.
+    repeated
+        By how much they count as larger than they are, for an error comes back with its posture.
+    reached
+        How large they are in this motion, over what they are where all attitudes are reached.
     """
 
     position: float = 0.0
     orientation: float = 0.0
     time: float = 0.0
     assumed: bool = False
+    repeated: float = 1.0
+    reached: float = 1.0
 
     def larger(self, factor: float) -> PoseError:
         """Return the error times a factor."""

@@ -12,15 +12,20 @@ from kreisel.model.assumed_noise import AssumedNoise
 _RATIO = 2.0
 """Between sizes that are tried."""
 
-_FEWEST, _MOST = -2, 6
-"""Powers of it that are tried. Smaller errors than usual ones are not assumed: noise of cheap gyros hides them."""
+_FEWEST, _MOST = -3, 6
+"""Powers of it that are tried."""
 
 _USUAL_SD = float(np.log(3.0))
 """Standard deviation of the logarithm of arms' sizes, before any look at the data."""
 
-_FRAMES = 1.7
-"""Size of an arm's errors over that which its poses show as a process of some seconds. Chosen: of 50 simulated runs of
-three arms it was 1.0 to 2.0; a pose changes more smoothly than such a process."""
+_FRAMES = 1.2
+"""Size of the frames' errors over that which poses show as a process of some seconds, in moves that reach all
+attitudes. Chosen: of simulated runs of three arms with good gyros it was 0.6 to 1.9, half of them 0.8 to 1.1."""
+
+_QUIET = 0.05
+"""Angle that gyros walk by noise while an arm keeps its posture, over its errors, up to which they show small ones.
+Chosen: of simulated runs with tactical-grade gyros and better it is below 0.03; consumer-grade ones, from 0.1 on, hid
+up to nine tenths of the arm."""
 
 
 def most_likely_size(log_probability: Callable[[float], float]) -> float:
@@ -48,8 +53,18 @@ def most_likely_size(log_probability: Callable[[float], float]) -> float:
     return float(_RATIO ** (best + np.clip(vertex, -0.5, 0.5)))
 
 
-def with_arm_size(noise: AssumedNoise, size: float) -> AssumedNoise:
-    """Return the noise with errors of an arm whose poses show a factor on the usual size, never less than usual."""
-    frames, poses = max(1.0, _FRAMES * size), max(1.0, size)
-    sd = noise.frame_sd
-    return replace(noise, frame_sd=(frames * sd[0], frames * sd[1]), pose_error=noise.pose_error.larger(poses))
+def with_arm_size(noise: AssumedNoise, size: float, gyro_noise: float) -> AssumedNoise:
+    """Return the noise with errors of an arm whose poses show a factor on the usual size.
+
+    Errors smaller than usual are taken from quiet gyros alone.
+
+    Parameters
+    ----------
+    gyro_noise
+        Largest noise density of the gyros, rad/s/Hz^0.5.
+    """
+    own, sd = noise.pose_error, noise.frame_sd
+    if size < 1.0 and gyro_noise * own.time**0.5 > _QUIET * size * own.orientation:
+        return noise
+    frames = _FRAMES * size / own.reached
+    return replace(noise, frame_sd=(frames * sd[0], frames * sd[1]), pose_error=own.larger(size))

@@ -150,14 +150,19 @@ def _by_family(family: Indices, change: Array, weighed: Weighed) -> Array:
 def _remainder(family: Indices, weight: Array, change: Array, weighed: Weighed) -> Array:
     """Return columns (n, k) of what series of functions that end too early leave in the parameters.
 
-    The terms that follow are taken for as large as those in the upper half of the degrees, and to act like them.
+    The next degree is taken to fall from the last as the last falls from the one before, or as is expected of it.
     """
     columns = [np.zeros((len(change), 0))]
     for f in weighed.families:
         own = np.flatnonzero(family == f)
         degree = 1.0 / weight[own]
-        upper = own[degree > 0.5 * degree.max()]
-        columns.append(float(np.sqrt(np.mean(weighed.amplitude[upper] ** 2))) * change[:, upper])
+        last = degree == degree.max()
+        falls = degree.max() / (degree.max() + 1.0)
+        if not last.all():
+            before = degree == degree[~last].max()
+            size, larger = (np.sqrt(np.mean(weighed.amplitude[own[part]] ** 2)) for part in (last, before))
+            falls = min(size / max(larger, 1e-300), 1.0)
+        columns.append(falls * weighed.amplitude[own[last]] * change[:, own[last]])
     joined = np.hstack(columns)
     return _root(joined @ joined.T)
 

@@ -432,13 +432,15 @@ def _with_arm_size(passes: _Passes, work: _Work) -> _Passes:
         return passes
 
     def log_probability(size: float) -> float:
-        trial = replace(passes.problem, noise=replace(noise, pose_error=noise.pose_error.larger(size)))
+        once = noise.pose_error.larger(size / noise.pose_error.repeated)
+        trial = replace(passes.problem, noise=replace(noise, pose_error=once))
         return _probability(replace(passes, problem=trial, run=work.estimator.refit(trial, passes.run)))
 
-    found = with_arm_size(noise, most_likely_size(log_probability))
+    gyro_noise = float(np.sqrt(np.max(passes.problem.sensor.readings.noise[0])))
+    found = with_arm_size(noise, most_likely_size(log_probability), gyro_noise)
+    if found == noise:
+        return passes
     problem = replace(passes.problem, noise=found)
-    if found.pose_error == noise.pose_error:
-        return replace(passes, problem=problem)
     again = _until_settled(problem, passes.count, work, passes.run)
     return replace(again, adapted=passes.adapted or again.adapted)
 

@@ -84,6 +84,14 @@ def test_turning_to_and_fro_counts_as_turning():
     assert _pose_error(reference, (1e-3, 1e-3)).time == pytest.approx(2.0, rel=0.03)
 
 
+def test_small_turns_show_a_share_of_the_errors():
+    """To and fro by 0.5 rad, 0.35 rad from the mean attitude: of 2.1 with which all are reached."""
+    t = np.arange(0.0, 64.0, 0.012)
+    q = exp(0.5 * np.sin(2.0 * np.pi * t / 8.0)[:, None] * np.array([0.0, 0.0, 1.0]))
+    reference = ReferencePoses("pose0", np.round(t * 1e9).astype(np.int64), None, q, Path("pose0/data.csv"))
+    assert _pose_error(reference, (1e-3, 1e-3)).reached == pytest.approx(0.5 / 2.0**0.5 / 2.1, rel=0.03)
+
+
 def test_no_robot_leaves_no_pose_error_and_positions_say_nothing_of_posture():
     assert (_pose_error(turning(0.2), (0.0, 0.0)).position, _pose_error(turning(0.2), (0.0, 0.0)).time) == (0.0, 0.0)
     blind = replace(turning(0.2), quaternions=None)

@@ -16,7 +16,7 @@ def test_the_most_likely_size_is_found(size):
 
 
 def test_sizes_beyond_all_that_are_tried_end_there():
-    assert most_likely_size(lambda s: -100.0 * np.log(s / 1e-3) ** 2) == 0.25
+    assert most_likely_size(lambda s: -100.0 * np.log(s / 1e-3) ** 2) == 0.125
     assert most_likely_size(lambda s: -100.0 * np.log(s / 1e4) ** 2) == 64.0
 
 
@@ -24,13 +24,21 @@ def test_data_that_say_nothing_leave_the_usual_size():
     assert most_likely_size(lambda _: 0.0) == 1.0
 
 
-def test_frames_and_poses_err_by_more_and_never_by_less():
-    noise = with_noise(small_problem(), frame_sd=(2e-3, 1e-3), pose_error=PoseError(4e-3, 3e-3, 2.0)).noise
-    same = with_arm_size(noise, 0.2)
-    assert same.frame_sd == noise.frame_sd
-    assert same.pose_error == noise.pose_error
-    larger = with_arm_size(noise, 3.0)
-    assert larger.pose_error == PoseError(3.0 * 4e-3, 3.0 * 3e-3, 2.0)
-    ratio = np.divide(larger.frame_sd, noise.frame_sd)
+ARM = PoseError(4e-3, 3e-3, 4.0, reached=0.5)
+NOISE = with_noise(small_problem(), frame_sd=(2e-3, 1e-3), pose_error=ARM).noise
+
+
+@pytest.mark.parametrize("size", [0.2, 3.0])
+def test_quiet_gyros_show_the_errors_of_any_arm(size):
+    """In moves that reach half of what others reach, errors of the frames are twice those of poses."""
+    found = with_arm_size(NOISE, size, 1e-6)
+    assert (found.pose_error.position, found.pose_error.orientation) == pytest.approx((size * 4e-3, size * 3e-3))
+    ratio = np.divide(found.frame_sd, NOISE.frame_sd)
     assert ratio[0] == pytest.approx(ratio[1])
-    assert ratio[0] > 3.0
+    assert 2.0 * size < ratio[0] < 3.0 * size
+
+
+def test_noise_of_gyros_hides_small_errors_but_not_large_ones():
+    """Over 4 s, gyros with 1e-4 rad/s/Hz^0.5 walk by 0.2 mrad; errors of 0.6 mrad may be hidden, of 9 mrad not."""
+    assert with_arm_size(NOISE, 0.2, 1e-4) == NOISE
+    assert with_arm_size(NOISE, 3.0, 1e-4).pose_error.orientation == pytest.approx(9e-3)

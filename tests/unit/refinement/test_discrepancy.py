@@ -79,7 +79,7 @@ def test_what_terms_leave_uncertain_is_a_contribution():
 
 
 def test_what_the_series_leave_out_is_a_contribution():
-    """As large as the upper half of the degrees: below the error itself, above the amplitudes' uncertainty."""
+    """The next degree falls as the last one: its effect is far below the error itself."""
     assert all(one.cause != REMAINDER for one in found(0.0).contributions)
     outcome = found(SIZE)
     (own,) = (one for one in outcome.contributions if one.cause == REMAINDER)
