@@ -56,7 +56,8 @@ def most_likely_size(log_probability: Callable[[float], float]) -> float:
 def with_arm_size(noise: AssumedNoise, size: float, gyro_noise: float) -> AssumedNoise:
     """Return the noise with errors of an arm whose poses show a factor on the usual size.
 
-    Errors smaller than usual are taken from quiet gyros alone.
+    Errors smaller than usual are taken from quiet gyros alone, and in small turns only if they are smaller than small
+    turns explain.
 
     Parameters
     ----------
@@ -66,5 +67,5 @@ def with_arm_size(noise: AssumedNoise, size: float, gyro_noise: float) -> Assume
     own, sd = noise.pose_error, noise.frame_sd
     if size < 1.0 and gyro_noise * own.time**0.5 > _QUIET * size * own.orientation:
         return noise
-    frames = _FRAMES * size / own.reached
+    frames = min(_FRAMES * size / own.reached, max(_FRAMES * size, 1.0))
     return replace(noise, frame_sd=(frames * sd[0], frames * sd[1]), pose_error=own.larger(size))

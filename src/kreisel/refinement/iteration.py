@@ -438,7 +438,7 @@ def _with_arm_size(passes: _Passes, work: _Work) -> _Passes:
 
     gyro_noise = float(np.sqrt(np.max(passes.problem.sensor.readings.noise[0])))
     found = with_arm_size(noise, most_likely_size(log_probability), gyro_noise)
-    if found == noise:
+    if found is noise:
         return passes
     problem = replace(passes.problem, noise=found)
     again = _until_settled(problem, passes.count, work, passes.run)
