@@ -49,8 +49,8 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         of_frames = frame_columns(problem, run.parameters, (length, angle))
         columns = np.hstack([of_frames, position_scale_column(problem, run, found.estimator, length)])
         out.append(Contribution("the robot's frames and lengths", Source.ROBOT, columns, common=True))
-        first = (problem if found.stated is None else found.stated).noise
-        warnings.append(_frame_warning(length, angle, shown=abs(length / first.frame_sd[0] - 1.0) > 0.01))
+        first = (problem if found.stated is None else found.stated).noise.frame_sd[0]
+        warnings.append(_frame_warning(length, angle, shown=abs(length - first) > 0.01 * first))
     if len(noise.axes):
         out.append(Contribution("the robot's axes", Source.ROBOT, axis_columns(problem, run.parameters)))
         warnings.append(_axes_warning(problem))
@@ -140,7 +140,7 @@ def _axes_warning(problem: Problem) -> DataWarning:
 
 
 def _frame_warning(length: float, angle: float, *, shown: bool) -> DataWarning:
-    """Return the warning about errors of an arm that cannot be estimated; shown: poses show more than is assumed."""
+    """Return the warning about errors of an arm that cannot be estimated; shown: poses show their size."""
     as_shown = ", as large as the poses show" if shown else ""
     message = (
         "its geometric errors cannot be estimated without joint angles and robot.urdf: standard deviations contain "

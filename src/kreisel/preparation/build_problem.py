@@ -67,7 +67,7 @@ _POSTURES = 150
 _POSTURE, _POSTURE_TIMES = 0.5, (1.0, 100.0)  # rad, s
 
 _ALL_ATTITUDES = 2.1
-"""rad; rms angle from the mean attitude, above which errors of poses do not grow further. Of arms of four makers with
+"""rad; rms angle from the mean attitude, above which errors of poses do not grow further. Of four simulated arms with
 errors of each joint's placement, in moves of 10 to 100 % of their ranges, they are 0.85 of it, in mrad per mrad, and
 1.6 to 1.8 at most."""
 

@@ -108,6 +108,15 @@ def test_frames_err_as_the_poses_are_found_to():
     assert angle == pytest.approx(np.sqrt(3e-3**2 - assumed.orientation**2))
 
 
+@pytest.mark.parametrize(("frame_sd", "shown"), [((0.0, 1e-3), False), ((2e-3, 1e-3), False), ((1e-3, 1e-3), True)])
+def test_a_size_that_is_not_the_stated_one_is_what_poses_show(frame_sd, shown):
+    """Lengths may be stated to be exact."""
+    stated = with_noise(small_problem(), frame_sd=(2e-3 if frame_sd[0] else 0.0, 1e-3))
+    found = estimate_of(with_noise(stated, frame_sd=frame_sd), small_run())
+    (warning,) = (w for w in with_unestimated_errors(replace(found, stated=stated)).warnings if w.subject == "robot")
+    assert ("as large as the poses show" in warning.message) == shown
+
+
 def test_the_scale_is_found_with_the_deviations_before_they_were_multiplied():
     """A factor for correlated innovations is no wider prior: the column is that of the filter's own run."""
     problem = with_noise(small_problem(), frame_sd=(2e-3, 0.0))
