@@ -22,7 +22,13 @@ from kreisel.static.static_result import StaticOutcome, calibrate_static
 from kreisel.study.robustness import WRONG
 from kreisel.validation.checks import check_streams
 
-SITUATIONS = {
+LEVEL = (0.96, 0.28, 0.05)
+"""Axis of a door laid down, in the local level."""
+
+DRILL = {"attitudes": 12, "spin": 40.0, "spin_rate": 6.0, "off_axis": 0.03}
+"""Forty revolutions in each mounting, one a second, three centimetres off."""
+
+SITUATIONS: dict[str, HandTurns] = {
     **{grade: HandTurns(grade) for grade in GRADES},
     "few attitudes": HandTurns(attitudes=10),
     "many attitudes": HandTurns(attitudes=60),
@@ -61,6 +67,13 @@ SITUATIONS = {
     "turntable, wobbling by 3 mrad": HandTurns(attitudes=12, laid="turntable", table_error=3e-3),
     "turntable, rate wrong by 0.1 %": HandTurns(attitudes=12, laid="turntable", table_scale=1e-3),
     "turntable, fog, rate wrong by 0.1 %": HandTurns("fog", attitudes=12, laid="turntable", table_scale=1e-3),
+    **{f"hinge, {grade}": HandTurns(grade, attitudes=18, laid="hinge", table_axis=LEVEL) for grade in GRADES},
+    **{f"drill, {grade}": HandTurns(grade, laid="hinge", table_axis=LEVEL, **DRILL) for grade in GRADES},
+    "hinge, upright": HandTurns(attitudes=18, laid="hinge"),
+    "hinge, play of 10 mrad": HandTurns(attitudes=18, laid="hinge", table_axis=LEVEL, table_error=1e-2),
+    "drill, axis steep": HandTurns(laid="hinge", table_axis=(0.3, 0.0, 0.95), **DRILL),
+    "drill, 20 cm off its axis": HandTurns(laid="hinge", table_axis=LEVEL, **{**DRILL, "off_axis": 0.2}),
+    "drill, fast": HandTurns(laid="hinge", table_axis=LEVEL, **{**DRILL, "spin_rate": 25.0}),
     "navigation grade, creep": HandTurns("ring-laser", creep=1e-4),
     "navigation grade, slip": HandTurns("ring-laser", slip=1e-3),
 }

@@ -56,6 +56,24 @@ def test_deviations_hold_for_what_else_is_known(laid):
     assert 0.5 < np.sqrt(np.mean(found**2)) < 1.4
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("spin", "sd"), [(0.0, 4e-4), (40.0, 6e-5)])
+def test_a_hinge_and_a_drill_show_the_gyros_whatever_their_angles(spin, sd):
+    """Scale factors are 2 % off: forty revolutions by these are nearly a whole one off."""
+    found = []
+    for seed in range(3):
+        how = HandTurns(attitudes=15, laid="hinge", table_axis=(0.96, 0.28, 0.05), spin=spin, off_axis=0.03)
+        truth, recording = hand_turned(how, np.random.default_rng([seed, 79]))
+        outcome = calibrate_static(check_streams(recording))
+        assert outcome.method == "hinge"
+        assert outcome.calibration.accepted, outcome.calibration.verdict
+        assert np.diag(outcome.calibration.sensor_sd.K_omega).max() < sd
+        found.append(scores(truth, outcome))
+    found = np.concatenate(found)
+    assert np.abs(found).max() < 4.0
+    assert 0.5 < np.sqrt(np.mean(found**2)) < 1.4
+
+
 def test_a_turntables_clock_is_that_by_which_most_of_its_turns_agree():
     """By a clock that is 145 s off, and 4 % fast, the rates of this one are more alike, and a single turn agrees."""
     name = "turntable, fog-mems"

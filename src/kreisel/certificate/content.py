@@ -30,7 +30,7 @@ _LEFT_OUT = frozenset({"mounting_rotation_deg"})
 _PROCEDURES = {
     "ekf": "ekf", "iekf": "iekf", "batch": "batch", "inverse": "inverse", "static": "at_poses",
     **dict.fromkeys(("spkf", "ukf", "cdkf", "ckf"), "sigma_points"),
-    **{name: name.replace("-", "_") for name in ("multi-position", "six-position", "ferraris", "turntable")},
+    **{name: name.replace("-", "_") for name in ("multi-position", "six-position", "ferraris", "turntable", "hinge")},
 }  # fmt: skip
 """The sentence on the procedure, `procedure_NAME` of the words, by the name of the estimator or static method."""
 

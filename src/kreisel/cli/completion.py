@@ -33,7 +33,7 @@ AXES = {
     "nominal": "those of b, turned by right angles",
 }
 METHODS = ("dynamic", "static")
-STATIC_METHODS = ("multi-position", "six-position", "ferraris", "turntable")
+STATIC_METHODS = ("multi-position", "six-position", "ferraris", "turntable", "hinge")
 STUDY_METHODS = tuple(name for name in ESTIMATORS if name != "cdkf")
 WEIGHTS = ("central-difference", "unscented", "cubature")
 SIZE_EFFECTS = ("completed", "fox2005")

@@ -35,7 +35,7 @@ def static(
     ),
     method: str | None = typer.Option(
         None,
-        help="multi-position, six-position, ferraris or turntable; by default the one that the data show.",
+        help="multi-position, six-position, ferraris, turntable or hinge; by default the one that the data show.",
         autocompletion=completion.one_of(completion.STATIC_METHODS),
     ),
     squareness: float = typer.Option(

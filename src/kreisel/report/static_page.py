@@ -85,6 +85,7 @@ _TITLES = {
     "face": ("Vertical at a standstill on a face, against its normal", "rad"),
     "whole turn": ("Heading after a whole turn", "rad"),
     "table": ("Turn by the turntable", "rad"),
+    "hinge": ("Axis of the hinge after a turn", "rad"),
     "pose": ("Reported attitude at a standstill", "rad"),
 }
 

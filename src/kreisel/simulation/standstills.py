@@ -21,6 +21,9 @@ from kreisel.simulation.imu import draw_sensors, ideal_readings, rounded
 _TABLE_LATE = 40_000_000
 """ns: by how much a turntable's clock is ahead."""
 
+_LONG = 15.0
+"""rad: a turn beyond this is one by a motor."""
+
 LATITUDE, GRAVITY, GRAVITY_SD = np.radians(48.0), 9.8089, 1e-4
 """Where it is, rad, and what is stated of gravity there, m/s^2: the true one differs by as much."""
 
@@ -56,8 +59,8 @@ class HandTurns:
     range_share
         Largest rate that is read, over that of the turns.
     laid
-        Anyhow; on the six faces of a case in turn, `attitudes` in all; the same with a whole turn on three of them; or
-        on a turntable, in three mountings.
+        Anyhow; on the six faces of a case in turn, `attitudes` in all; the same with a whole turn on three of them; on
+        a turntable, in three mountings; or the same on a hinge, of whose turns nobody writes down anything.
     laid_error, heading_error, heading_bias
         rad: of each standstill on a face, and of the heading after a whole turn; by what all of these turn too little.
     one_sense
@@ -65,9 +68,14 @@ class HandTurns:
     squareness
         Of the angles between faces, rad.
     table_axis, table_tilt, table_error
-        Of a turntable: its axis in the local level, how far that is off, and the error of each of its turns, rad.
+        Of a turntable, or a hinge: its axis in the local level, how far that is off, and the error of each of its
+        turns, rad.
     table_scale
         Error of its scale: of rates then, which are recorded instead of angles.
+    spin, spin_rate
+        Revolutions of the first turn in each mounting on a hinge, as a drill turns, and its mean rate, rad/s.
+    off_axis
+        m: distance of the device from the axis of a hinge.
     """
 
     grade: str = "consumer-mems"
@@ -84,7 +92,7 @@ class HandTurns:
     jitter: float = 0.0
     lost: float = 0.0
     range_share: float = 0.0
-    laid: Literal["anyhow", "faces", "whole turns", "turntable"] = "anyhow"
+    laid: Literal["anyhow", "faces", "whole turns", "turntable", "hinge"] = "anyhow"
     laid_error: float = 3e-3
     heading_error: float = 5e-3
     heading_bias: float = 0.0
@@ -94,6 +102,9 @@ class HandTurns:
     table_tilt: float = 0.02
     table_error: float = 1e-4
     table_scale: float = 0.0
+    spin: float = 0.0
+    spin_rate: float = 6.0
+    off_axis: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -125,6 +136,9 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     gravity = GRAVITY + rng.normal(0.0, GRAVITY_SD)
     force = apply(conjugate(q), np.broadcast_to([0.0, 0.0, -gravity], (n, 3)))
     shaken = how.vibration * np.sqrt(2.0) * np.sin(2.0 * np.pi * 0.37 * rate * np.arange(n) / rate)
+    if how.off_axis:
+        arm = how.off_axis * np.array([0.6, -0.64, 0.48])
+        force = force + np.cross(omega, np.cross(omega, arm)) + np.cross(np.gradient(omega, 1.0 / rate, axis=0), arm)
     force = force + shaken[:, None] * np.array([0.6, 0.0, 0.8]) + moving[:, None] * rng.normal(0.0, 1.0, (1, 3))
     effects = replace(DeviceEffects.none(), g_sensitivity=rng.normal(0.0, grade.g_sensitivity / 3.0, (3, 3)))
     w, a = ideal_readings(omega + earth, np.zeros((n, 3)), force, truth, effects)
@@ -187,7 +201,8 @@ def _motion(how: HandTurns, rate: float, rng: np.random.Generator) -> tuple[Arra
         there, vector, begin = moves[k + 1].there, moves[k + 1].vector, q[-1][-1]
         seconds = how.turn * rng.uniform(0.7, 1.4)
         if vector is not None:
-            seconds *= 1.0 + float(np.linalg.norm(vector))
+            angle_of = float(np.linalg.norm(vector))
+            seconds = angle_of / how.spin_rate if angle_of > _LONG else seconds * (1.0 + angle_of)
         t = np.arange(int(rate * seconds)) / rate / seconds
         first = rng.normal(0.0, 0.5, 3) if vector is None else apply(conjugate(begin), vector)
         second = log(multiply(conjugate(multiply(begin, exp(first))), there))
@@ -197,7 +212,7 @@ def _motion(how: HandTurns, rate: float, rng: np.random.Generator) -> tuple[Arra
         after = exp(second * s2[:, None])
         q.append(multiply(multiply(begin, exp(first * s1[:, None])), after))
         omega.append((apply(conjugate(after), first * v1[:, None]) + second * v2[:, None]) / (share * seconds))
-        by_hand = vector is None or how.laid != "turntable"
+        by_hand = vector is None or how.laid not in ("turntable", "hinge")
         pulse.append(by_hand * np.sin(2.0 * np.pi * t) * np.sin(np.pi * t) ** 2)
         way = 0.0 if vector is None or by_hand else _angle(how, vector)
         angle.append(turned + way * s1)
@@ -214,7 +229,7 @@ def _moves(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
     """Return the standstills, and how each is reached."""
     if how.laid == "anyhow":
         return [_Move(q) for q in _attitudes(how, rng)]
-    if how.laid == "turntable":
+    if how.laid in ("turntable", "hinge"):
         return _on_table(how, rng)
     angles = rng.normal(0.0, how.squareness, 3)
     normals = np.eye(3)
@@ -239,7 +254,7 @@ def _moves(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
 
 
 def _on_table(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
-    """Return standstills in three mountings on a turntable, the axes x, y and z along its own, and turned each time."""
+    """Return standstills in three mountings on a table or hinge: axes x, y and z along its own, turned each time."""
     axis = np.array(how.table_axis) + rng.normal(0.0, how.table_tilt, 3)
     axis /= np.linalg.norm(axis)
     out: list[_Move] = []
@@ -247,8 +262,10 @@ def _on_table(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
         q = from_two_vectors(np.eye(3)[mounting], -axis)
         q = multiply(q, exp(rng.normal(0.0, 0.02, 3)))
         out.append(_Move(q))
-        for _ in range(how.attitudes // 3 - 1):
-            vector = rng.uniform(0.5, 12.0) * rng.choice([-1.0, 1.0]) * axis
+        for turn in range(how.attitudes // 3 - 1):
+            largest = 12.0 if how.laid == "turntable" else 2.5
+            vector = rng.uniform(0.5, largest) * rng.choice([-1.0, 1.0]) * axis
+            vector *= 1.0 if turn or not how.spin else (1.0 + 2.0 * np.pi * how.spin / np.linalg.norm(vector))
             q = multiply(multiply(exp(vector), q), exp(rng.normal(0.0, how.table_error, 3)))
             out.append(_Move(q, vector))
     return out

@@ -11,6 +11,7 @@ from kreisel.geometry.rotation import Array, right_angle_turns
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import CellParameters
 from kreisel.static.rest_problem import RestProblem, begun
+from kreisel.static.spins import with_counted_spins
 from kreisel.static.turns import turns_between
 
 MIN_ATTITUDES = 6
@@ -53,7 +54,7 @@ def first_values(problem: RestProblem) -> CellParameters:
             misfit = vertical_misfit(Q @ turns.rotations @ Q.T, up)
             if misfit < least:
                 best, least = replace(sensors, K_omega=sign * Q), misfit
-    return begun(best, problem.site)
+    return begun(with_counted_spins(problem, best), problem.site)
 
 
 def vertical_misfit(rotations: Array, up: Array) -> float:

@@ -1,4 +1,4 @@
-"""What is known of attitudes besides gravity: faces of a case, whole turns on a table, turns by a turntable."""
+"""What is known of attitudes besides gravity: faces, whole turns on a table, turns by a turntable or on a hinge."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _CASE_TURNED = 0.3
 """rad: deviation of the accelerometers' axes from those of their case, and of a table's axis from the first one found.
 Chosen: nobody mounts them worse, and data decide soon."""
 
-_FACE, _HEADING, _TABLE = 1e-4, 1e-4, 1e-6
-"""rad: what is always uncertain of a face's vertical, of the heading after a whole turn, and of a turntable's turn. The
-noise figure of each, found by evidence, begins at an eighth of it."""
+_FACE, _HEADING, _TABLE, _HINGE = 1e-4, 1e-4, 1e-6, 1e-4
+"""rad: what is always uncertain of a face's vertical, of the heading after a whole turn, of a turntable's turn, and of
+a hinge's axis. The noise figure of each, found by evidence, begins at an eighth of it."""
 
 _SKEWED = np.array([
     [[0.0, 0.5, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]],
@@ -197,6 +197,71 @@ class TableTurns:
         """See `rest_problem.Knowledge`."""
         own = _inside(self.node, keep)
         return replace(self, node=self.node[own] - keep[0], angle=self.angle[own])
+
+
+@dataclass(frozen=True)
+class HingeTurns:
+    """Turns by unknown angles about axes that stand still in the device and in the world, one axis for each mounting.
+
+    Attributes
+    ----------
+    node : (k,)
+        From these standstills to the next ones.
+    mounting : (k,)
+        Number of the mounting each belongs to.
+    axes : (m, 3)
+        Of the mountings, in b, as first found; of unit length.
+    """
+
+    node: Indices
+    mounting: Indices
+    axes: Array
+
+    kind = "hinge"
+    gives_heading = False
+    usual = 1e-3  # the play of a bearing
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """Every axis's direction against the first one, about two axes across."""
+        labels = tuple(f"hinge.axes[{m},{i}]" for m in range(len(self.axes)) for i in range(2))
+        return (Nuisance("hinge", labels, np.full(len(labels), _CASE_TURNED)),)
+
+    @property
+    def white(self) -> Array:
+        """See `rest_problem.Knowledge`."""
+        return np.full((self.node.size, 3), _HINGE**2)
+
+    @property
+    def share(self) -> Array:
+        """See `rest_problem.Knowledge`: nothing along the axis, where no row says anything."""
+        return np.tile([1.0, 1.0, 0.0], (self.node.size, 1))
+
+    def equations(self, problem: RestProblem, p: CellParameters, C: Array) -> Equations:
+        """Return that the axis has the same direction after a turn, by equation (38) of docs/explanation/model.md."""
+        frames = np.stack([matrix(from_two_vectors([0.0, 0.0, 1.0], axis)) for axis in self.axes])
+        moved = nuisance(p, "hinge", 2 * len(self.axes)).reshape(-1, 2)
+        n = self.axes + np.einsum("mij,mj->mi", frames[..., :2], moved)
+        length = np.linalg.norm(n, axis=1, keepdims=True)
+        n = n / length
+        by_axis = (np.eye(3) - n[:, :, None] * n[:, None]) @ frames[..., :2] / length[..., None]
+        own, across = n[self.mounting], np.swapaxes(frames[self.mounting], 1, 2)
+        across[:, 2] = 0.0  # along the axis nothing is said
+        A = np.swapaxes(C[self.node + 1], 1, 2) @ C[self.node]
+        seen = np.einsum("kij,kj->ki", A, own)
+        of_node, of_next = np.zeros((2, self.node.size, 3, NODE))
+        of_node[..., ATTITUDE] = -across @ A @ skew(own)
+        of_next[..., ATTITUDE] = across @ skew(seen)
+        columns = np.zeros((self.node.size, 3, len(self.axes), 2))
+        columns[np.arange(self.node.size), :, self.mounting] = across @ (A - np.eye(3)) @ by_axis[self.mounting]
+        by_group = {"hinge": columns.reshape(self.node.size, 3, -1)}
+        r = np.einsum("kij,kj->ki", across, seen - own)
+        return Equations(r, self.node, of_node, of_next, problem.columns(by_group, self.node.size))
+
+    def part(self, keep: Indices) -> Self:
+        """See `rest_problem.Knowledge`."""
+        own = _inside(self.node, keep)
+        return replace(self, node=self.node[own] - keep[0], mounting=self.mounting[own])
 
 
 def _inside(node: Indices, keep: Indices) -> Mask:

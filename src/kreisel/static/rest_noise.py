@@ -62,8 +62,11 @@ FIGURES = ("force", "rate", "turn", "gyro_walk", "accel_walk")
 """Names of the figures, in the order of the equations they belong to."""
 
 
-_RATE, _TURN = 1, 2
-"""Places of these two among figures and equations."""
+_RATE, _TURN, _GYRO_WALK = 1, 2, 3
+"""Places of these among figures and equations."""
+
+_BRIDGE = 1.0 / 12.0
+"""Of a walk by one in one second, known at both ends of it: variance of its mean."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +77,14 @@ class Weighing:
     ----------
     white, share : (k, 3), for each kind of equations
         Variances; white noise times what was inflated.
-    wandering : (k, 3)
-        What a unit of the figure of rates adds to the variances of turns: the offset of a turn errs as those of
-        standstills do, all the time that it lasts.
+    seconds : (k,)
+        Duration of turns. The offset of a turn errs as those of standstills do, all the time that it lasts, and walks
+        away from the mean of both.
     """
 
     white: tuple[Array, ...]
     share: tuple[Array, ...]
-    wandering: Array
+    seconds: Array
 
     @property
     def units(self) -> Array:
@@ -99,7 +102,8 @@ class Weighing:
         """
         squares = [np.square(own if np.ptp(own) > 0.0 else own[:1])[:, None, None] for own in figures.T]
         out = [white + squares[k] * share for k, (white, share) in enumerate(zip(self.white, self.share, strict=True))]
-        out[_TURN] = out[_TURN] + squares[_RATE] * self.wandering
+        T = self.seconds[:, None]
+        out[_TURN] = out[_TURN] + squares[_RATE] * T**2 + _BRIDGE * squares[_GYRO_WALK] * T**3
         return out
 
 
@@ -122,7 +126,7 @@ def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array]
         (force, rate, turn, np.zeros_like(between), np.zeros_like(between), *known),
         (one, one, np.repeat(turns.agitation[at][:, None], 3, axis=1), between, between,
          *(k.share for k in problem.known)),
-        np.repeat(turns.seconds[at][:, None] ** 2, 3, axis=1),
+        turns.seconds[at],
     )  # fmt: skip
 
 

@@ -12,14 +12,15 @@ from kreisel.inertial.counts import Counts
 from kreisel.model.parameters import CellParameters
 from kreisel.recording.recording import DataWarning, ImuSamples, TableAngles
 from kreisel.static.first_values import MIN_ATTITUDES, first_values
-from kreisel.static.known_attitudes import Faces, TableTurns, WholeTurns
+from kreisel.static.known_attitudes import Faces, HingeTurns, TableTurns, WholeTurns
 from kreisel.static.rest_equations import attitudes_by
 from kreisel.static.rest_problem import RestProblem
+from kreisel.static.spins import leading
 from kreisel.static.turns import turns_between
 
-METHODS = ("multi-position", "six-position", "ferraris", "turntable")
+METHODS = ("multi-position", "six-position", "ferraris", "turntable", "hinge")
 """Names of the static methods, by what is known of the attitudes besides gravity: nothing, faces of a case, faces and
-whole turns, turns of a table."""
+whole turns, turns of a table, that turns are about one axis in each mounting."""
 
 SQUARENESS = 2e-3
 """rad; standard deviation of the angles between a case's faces. Chosen: a milled case has less, a printed one more."""
@@ -40,6 +41,11 @@ _RATE_SCALE = 1e-3
 _AGREEING, _STEP = 0.7, 0.02
 """Share of a table's turns that must agree with the gyros, the device being moved in none of them; and s, between two
 values of the rates that are compared."""
+
+_ONE_AXIS, _STRAIGHT, _LEAST_TURN, _MOST = 0.05, 0.97, 0.2, 0.6
+"""rad between the axes of turns by uncalibrated gyros that are about one; share of a turn's way that leads along it;
+rad, its least angle; and share of all turns that must be so, where the method is not stated. Chosen: nobody turns a
+device by hand about one axis twice within three degrees."""
 
 _SAME = 0.15
 """Share by which the way by the gyros may differ from the table's; otherwise the device was moved, too."""
@@ -82,6 +88,8 @@ _DETECTED = {
     "(--squareness); --method multi-position does without that",
     "ferraris": "ferraris: all standstills are on the six faces of a case, taken to be at right angles (--squareness), "
     "with whole turns in between; --method multi-position does without that",
+    "hinge": "hinge: turns are about one axis in each mounting, by angles that nobody states; --method multi-position "
+    "does without that",
 }
 """What is said where the data showed the method."""
 
@@ -114,10 +122,12 @@ def with_method(
     start = first_values(problem)
     if stated == "multi-position":
         return Chosen(stated, problem, start)
+    if stated == "hinge":
+        return _on_hinge(problem, start, stated)
     faces = _faces(problem, start, _NEAR if stated is None else _ON_A_FACE, squareness)
     found = {(int(a), float(s)) for a, s in zip(faces.axis, faces.sign, strict=True)}
     if stated is None and (len(found) < 6 or faces.node.size < problem.rests.count):
-        return Chosen("multi-position", problem, start)
+        return _on_hinge(problem, start, stated)
     if len(found) < 6:
         missing = ", ".join(f"{s}{'xyz'[a]}" for a in range(3) for s in "+-" if (a, float(f"{s}1")) not in found)
         raise RecordingError(
@@ -168,11 +178,25 @@ def _whole_turns(problem: RestProblem, start: CellParameters, faces: Faces) -> W
 
 def _sums(problem: RestProblem, start: CellParameters) -> Array:
     """Return the integral of the rates between standstills by first values, (M - 1, 3), rad."""
-    imu, rests, sensors = problem.imu, problem.rests, start.sensors
+    return _between(problem, _steps(problem, start))
+
+
+def _lengths(problem: RestProblem, start: CellParameters) -> Array:
+    """Return how long the way of the axes is between standstills by first values, (M - 1,), rad."""
+    return _between(problem, np.linalg.norm(_steps(problem, start), axis=1, keepdims=True))[:, 0]
+
+
+def _steps(problem: RestProblem, start: CellParameters) -> Array:
+    """Return the integral of the rates from sample to sample by first values, (n - 1, 3), rad."""
+    imu, sensors = problem.imu, start.sensors
     rate = (imu.rates + sensors.k_w[0]) @ sensors.K_omega.T
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(imu.seconds)[:, None]
-    whole = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-    return np.asarray(whole[rests.first[1:]] - whole[rests.last[:-1] - 1])
+    return np.asarray(0.5 * (rate[1:] + rate[:-1]) * np.diff(imu.seconds)[:, None])
+
+
+def _between(problem: RestProblem, steps: Array) -> Array:
+    """Return sums of steps (n - 1, k) between standstills, (M - 1, k)."""
+    whole = np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
+    return np.asarray(whole[problem.rests.first[1:]] - whole[problem.rests.last[:-1] - 1])
 
 
 def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
@@ -260,6 +284,36 @@ def _clocks(imu: ImuSamples, table: TableAngles) -> list[Array]:
 def _with_turns(start: CellParameters, way: Array, turns: TableTurns, C: Array) -> CellParameters:
     """Return first values with a gyro matrix by which integrals of rates (k, 3) are the table's turns."""
     meant = turns.angle[:, None] * np.einsum("kji,j->ki", C, turns.axis)
-    held = 1e-4 * float(np.sum(turns.angle**2)) * np.eye(3)
-    change = np.linalg.solve(way.T @ way + held, way.T @ meant + held).T
-    return replace(start, sensors=replace(start.sensors, K_omega=change @ start.sensors.K_omega))
+    return replace(start, sensors=replace(start.sensors, K_omega=leading(way, meant) @ start.sensors.K_omega))
+
+
+def _on_hinge(problem: RestProblem, start: CellParameters, stated: str | None) -> Chosen:
+    """Return the method with turns about one axis in each mounting, or without that where there are too few."""
+    way, length = _sums(problem, start), _lengths(problem, start)
+    size = np.linalg.norm(way, axis=1)
+    turned = size > _LEAST_TURN
+    straight = turned & (size > _STRAIGHT * length)
+    axes = way / np.maximum(size, 1e-9)[:, None]
+    node: list[int] = []
+    mounting: list[int] = []
+    found: list[Array] = []
+    for m in range(size.size):
+        if not straight[m]:
+            continue
+        same = bool(node) and node[-1] == m - 1 and abs(axes[m] @ found[-1]) > np.cos(_ONE_AXIS)
+        if not same:
+            found.append(axes[m])
+        node.append(m)
+        mounting.append(len(found) - 1)
+    count = np.bincount(mounting, minlength=len(found))
+    kept = np.flatnonzero(count > 1)  # of a single turn, any axis is its own
+    own = np.isin(mounting, kept)
+    if not own.any() or (stated is None and own.sum() < _MOST * np.count_nonzero(turned)):
+        if stated is None:
+            return Chosen("multi-position", problem, start)
+        raise RecordingError(
+            "no two turns in a row are about one axis of the device; hinge needs two or more in each mounting, with a "
+            "standstill of two seconds before and after each", file=problem.imu.source,
+        )  # fmt: skip
+    turns = HingeTurns(np.array(node)[own], np.searchsorted(kept, np.array(mounting)[own]), np.array(found)[kept])
+    return _chosen("hinge", replace(problem, known=(turns,)), start, stated)

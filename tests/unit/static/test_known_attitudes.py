@@ -9,7 +9,7 @@ from kreisel.geometry.rotation import exp, from_two_vectors, matrix, multiply
 from kreisel.preparation.gravity import site_of
 from kreisel.simulation.standstills import HandTurns, hand_turned
 from kreisel.static.first_values import first_values
-from kreisel.static.known_attitudes import Faces, TableTurns, WholeTurns
+from kreisel.static.known_attitudes import Faces, HingeTurns, TableTurns, WholeTurns
 from kreisel.static.rest_chain import ATTITUDE
 from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
@@ -33,6 +33,7 @@ def kinds(rng):
         Faces(np.array([0, 2, 3]), np.array([0, 2, 1]), np.array([1.0, -1.0, 1.0]), 2e-3),
         WholeTurns(np.array([1, 4])),
         TableTurns(np.array([0, 3, 5]), np.array([0.7, -9.0, 2.0]), np.array([0.6, 0.0, 0.8]), 1e-3),
+        HingeTurns(np.array([0, 1, 4, 5]), np.array([0, 0, 1, 1]), np.array([[0.6, 0.0, 0.8], [0.0, -1.0, 0.0]])),
     )
 
 
@@ -44,13 +45,17 @@ def near(known, C, rng):
             C[node] = matrix(multiply(from_two_vectors(sign * np.eye(3)[axis], [0.0, 0.0, -1.0]), wobble[node]))
     elif isinstance(known, WholeTurns):
         C[known.node + 1] = C[known.node] @ matrix(wobble[known.node])
+    elif isinstance(known, HingeTurns):
+        for node, mounting in zip(known.node, known.mounting, strict=True):
+            turn = exp(rng.uniform(-9.0, 9.0) * known.axes[mounting])
+            C[node + 1] = C[node] @ matrix(multiply(turn, wobble[node]))
     else:
         for node, angle in zip(known.node, known.angle, strict=True):
             C[node + 1] = matrix(exp(angle * known.axis)) @ C[node] @ matrix(wobble[node])
     return C
 
 
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize("number", range(4))
 def test_derivatives_are_those_of_differences(problem, number):
     rng = np.random.default_rng(number)
     known = kinds(rng)[number]
@@ -97,13 +102,15 @@ def test_rows_without_a_share_say_nothing(problem):
 
 def test_a_part_counts_its_standstills_anew():
     rng = np.random.default_rng(6)
-    faces, turns, table = kinds(rng)
+    faces, turns, table, hinge = kinds(rng)
     keep = np.arange(3, 7)
     assert faces.part(keep).node.tolist() == [0]
     assert faces.part(keep).axis.tolist() == [1]
     assert turns.part(keep).node.tolist() == [1]
     assert table.part(keep).node.tolist() == [0, 2]
     assert table.part(keep).angle.tolist() == [-9.0, 2.0]
+    assert hinge.part(keep).node.tolist() == [1, 2]
+    assert hinge.part(keep).mounting.tolist() == [1, 1]
     assert table.part(np.arange(3, 6)).node.tolist() == [0]  # the next one of the other is not among them
 
 

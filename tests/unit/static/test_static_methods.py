@@ -10,7 +10,7 @@ from kreisel.formats.loading import load
 from kreisel.formats.write import write_folder
 from kreisel.preparation.gravity import site_of
 from kreisel.simulation.standstills import HandTurns, hand_turned
-from kreisel.static.known_attitudes import Faces, TableTurns, WholeTurns
+from kreisel.static.known_attitudes import Faces, HingeTurns, TableTurns, WholeTurns
 from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
 from kreisel.static.static_methods import with_method
@@ -31,14 +31,15 @@ def chosen(stated, problem, table=None):
 @pytest.mark.parametrize(
     ("laid", "method", "kinds"),
     [("anyhow", "multi-position", ()), ("faces", "six-position", (Faces,)),
-     ("whole turns", "ferraris", (Faces, WholeTurns)), ("turntable", "turntable", (TableTurns,))],
+     ("whole turns", "ferraris", (Faces, WholeTurns)), ("turntable", "turntable", (TableTurns,)),
+     ("hinge", "hinge", (HingeTurns,))],
 )  # fmt: skip
 def test_the_data_show_the_method(laid, method, kinds):
     problem, table = case(laid=laid, attitudes=12)
     found = chosen(None, problem, table)
     assert found.name == method
     assert tuple(type(one) for one in found.problem.known) == kinds
-    assert bool(found.warnings) == (method in ("six-position", "ferraris"))
+    assert bool(found.warnings) == (method in ("six-position", "ferraris", "hinge"))
 
 
 def test_what_is_known_is_what_was_done():
@@ -63,11 +64,29 @@ def test_table_turns_have_the_angle_of_the_table_whatever_its_clock():
     np.testing.assert_allclose(turns.angle, np.diff(angles)[turns.node], atol=1e-3)
 
 
+def test_a_hinge_has_an_axis_for_each_mounting_whatever_the_sense_of_its_turns():
+    problem, _ = case(laid="hinge", attitudes=12, table_axis=(0.8, 0.6, 0.0))
+    (turns,) = chosen(None, problem).problem.known
+    assert turns.node.tolist() == [0, 1, 2, 4, 5, 6, 8, 9, 10]
+    assert turns.mounting.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    np.testing.assert_allclose(np.abs(turns.axes), np.eye(3), atol=0.1)
+    first = replace(problem, rests=problem.rests.part(np.arange(8)))
+    (turns,) = chosen("hinge", first).problem.known
+    assert turns.mounting.tolist() == [0, 0, 0, 1, 1, 1]
+
+
+def test_turns_by_hand_are_no_hinge():
+    for seed in range(4):
+        problem, _ = case(seed=seed, attitudes=24)
+        assert chosen(None, problem).name == "multi-position"
+
+
 def test_what_is_missing_is_said():
     problem, table = case(laid="faces", attitudes=12)
     for stated, text in (
         ("ferraris", "no whole turn about the axis x, y, z is found"),
         ("turntable", "no table0/data.csv"),
+        ("hinge", "no two turns in a row are about one axis"),
     ):
         with pytest.raises(RecordingError, match=text):
             chosen(stated, problem, table)

@@ -1,0 +1,81 @@
+"""Turns by many revolutions about one axis: how often gravity went round in the device, whatever its gyros say.
+
+Gyros that are uncalibrated lose count of revolutions, and standstills alone do not show how many there were. The
+forces do: across an axis that is not upright, gravity goes round once with each revolution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, from_two_vectors, matrix
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.static.rest_problem import RestProblem
+
+_FEWEST = 4.0
+"""Revolutions from which a turn is counted. Chosen: gyros that err by a tenth do not lose count of fewer."""
+
+_STRAIGHT = 0.98
+"""Share of a turn's way that leads along one axis, from which it is about one."""
+
+_LEVEL, _EVERY = 0.1, 0.5
+"""Gravity across the axis, over all of it, from which it shows revolutions: six degrees from upright; and its mean over
+a revolution, over that of most, which each must reach, or the count is lost there."""
+
+
+def with_counted_spins(problem: RestProblem, start: SensorParameters) -> SensorParameters:
+    """Return first values whose gyros turn as often as gravity does in the device, in turns of many revolutions."""
+    imu, rests = problem.imu, problem.rests
+    way, meant = [], []
+    for a, b in zip((rests.last[:-1] - 1).tolist(), rests.first[1:].tolist(), strict=True):
+        rate = (imu.rates[a : b + 1] + start.k_w[0]) @ start.K_omega.T
+        h = np.diff(imu.seconds[a : b + 1])[:, None]
+        steps = 0.5 * (rate[1:] + rate[:-1]) * h
+        whole = steps.sum(axis=0)
+        size = float(np.linalg.norm(whole))
+        if size < 2.0 * np.pi * _FEWEST or size < _STRAIGHT * float(np.linalg.norm(steps, axis=1).sum()):
+            continue
+        force = (imu.accelerations[a : b + 1] + start.k_a[0]) @ start.K_a.T
+        ratio = _ratio(steps @ whole / size, 0.5 * (force[1:] + force[:-1]), whole / size, problem.site.gravity)
+        if ratio is not None:
+            way.append(whole)
+            meant.append(ratio * whole)
+    if not way:
+        return start
+    return replace(start, K_omega=leading(np.array(way), np.array(meant)) @ start.K_omega)
+
+
+def leading(way: Array, meant: Array) -> Array:
+    """Return the matrix (3, 3) near one that leads ways (k, 3) where they are meant to lead, (k, 3), by least squares.
+
+    Along directions that no way has, it is one.
+    """
+    held = 1e-4 * float(np.sum(way**2)) * np.eye(3)
+    return np.asarray(np.linalg.solve(way.T @ way + held, way.T @ meant + held).T)
+
+
+def _ratio(angle: Array, force: Array, axis: Array, gravity: float) -> float | None:
+    """Return how far gravity goes round over how far gyros say, None where it cannot be seen.
+
+    Seen from axes that turn as the gyros say, gravity turns slowly, by what they miss, and forces that turn with the
+    device, such as those toward the axis, go round and average out over each revolution.
+
+    angle (n,): steps about the axis by the gyros, rad, positive on the whole; force (n, 3): between.
+    """
+    across = matrix(from_two_vectors([0.0, 0.0, 1.0], axis))[:, :2]
+    total = np.cumsum(angle) - 0.5 * angle
+    side = (force @ across) @ np.array([1.0, 1j]) * np.exp(1j * total)
+    which = np.floor(total / (2.0 * np.pi)).astype(np.int64)
+    revolutions = int(total[-1] // (2.0 * np.pi))
+    inside = (which >= 0) & (which < revolutions)
+    own, weight = which[inside], angle[inside]
+    parts = [np.bincount(own, weight * v, revolutions) for v in (side[inside].real, side[inside].imag)]
+    mean = (parts[0] + 1j * parts[1]) / (2.0 * np.pi)
+    length = np.abs(mean)
+    if np.median(length) < _LEVEL * gravity or length.min() < _EVERY * np.median(length):
+        return None
+    phase = np.unwrap(np.angle(mean))
+    slope = float(np.polyfit(np.arange(revolutions), phase, 1)[0])
+    return 1.0 - slope / (2.0 * np.pi)
