@@ -18,10 +18,6 @@ _FEWEST, _MOST = -3, 6
 _USUAL_SD = float(np.log(3.0))
 """Standard deviation of the logarithm of arms' sizes, before any look at the data."""
 
-_FRAMES = 1.2
-"""Size of the frames' errors over that which poses show as a process of some seconds, in moves that reach all
-attitudes. Chosen: of 21 simulated runs with good gyros it was 0.6 to 1.9, in half of them 0.8 to 1.1."""
-
 _QUIET = 0.05
 """Angle that gyros walk by noise while an arm keeps its posture, over its errors, up to which they show small ones.
 Chosen: of 16 simulated runs with fog and ring-laser gyros it was 0.001 to 0.05, of 14 with MEMS gyros 0.02 to 12;
@@ -56,8 +52,8 @@ def most_likely_size(log_probability: Callable[[float], float]) -> float:
 def with_arm_size(noise: AssumedNoise, size: float, gyro_noise: float) -> AssumedNoise:
     """Return the noise with errors of an arm whose poses show a factor on the usual size.
 
-    Errors smaller than usual are taken from quiet gyros alone, and in small turns only if they are smaller than small
-    turns explain.
+    Errors of the frames are as large. Errors smaller than usual are taken from quiet gyros alone, and in small turns
+    only if they are smaller than small turns explain.
 
     Parameters
     ----------
@@ -67,5 +63,5 @@ def with_arm_size(noise: AssumedNoise, size: float, gyro_noise: float) -> Assume
     own, sd = noise.pose_error, noise.frame_sd
     if size < 1.0 and gyro_noise * own.time**0.5 > _QUIET * size * own.orientation:
         return noise
-    frames = min(_FRAMES * size / own.reached, max(_FRAMES * size, 1.0))
+    frames = min(size / own.reached, max(size, 1.0))
     return replace(noise, frame_sd=(frames * sd[0], frames * sd[1]), pose_error=own.larger(size))

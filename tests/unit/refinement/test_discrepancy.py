@@ -6,9 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from kreisel.fitting.terms import Terms
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import with_readings
-from kreisel.refinement.discrepancy import describe
+from kreisel.refinement.discrepancy import _parts_of_degree, describe
 from kreisel.refinement.iteration import StatedFigures, estimate
 
 from ...small_problem import camera_problem, recorded
@@ -106,3 +107,22 @@ def test_a_fixed_number_of_passes_looks_for_nothing():
 @pytest.mark.parametrize("size", [0.0, SIZE])
 def test_the_schedule_is_that_of_the_recording(size):
     assert len(found(size).problem.schedule.updates) == len(camera_problem().schedule.updates)
+
+
+def test_functions_of_a_degree_that_depend_on_each_other_count_as_the_functions_they_span():
+    """All functions of a span together have an rms of one; one that stands there twice changes nothing."""
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=(400, 3))
+    twice = np.hstack([values, values[:, :1] + 1e-9 * values[:, 1:2]])
+    change = rng.normal(size=(7, 3))
+    spread = []
+    for functions in (values, twice):
+        k = functions.shape[1]
+        columns = change if k == 3 else np.hstack([change, change[:, :1]])
+        own = Terms(functions, np.tile(np.arange(k), 2), np.repeat([0, 1], k), np.zeros((400, 6, 6)))
+        size, roots = _parts_of_degree(own, np.ones(2 * k))
+        first = roots[:k][:, : roots.shape[1] // 2]
+        assert np.mean((functions @ first) ** 2, axis=0).sum() == pytest.approx(0.5)
+        assert size == pytest.approx(np.sqrt(2.0 * np.mean(functions.sum(axis=1) ** 2)))
+        spread.append(np.hstack([columns, columns]) @ roots)
+    np.testing.assert_allclose(spread[0] @ spread[0].T, spread[1] @ spread[1].T, rtol=1e-4)
