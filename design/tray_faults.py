@@ -227,10 +227,9 @@ def _tried(fault: Fault, made: dict[str, tuple[Truth, Recording]], seed: int, si
     imu, changed = fault(recording.imu, truth.sensors, np.random.default_rng(seed))
     imu, right = _resized(recording.imu, imu, size), vector_of(truth.sensors)
     ends = [right + size * (vector_of(end) - right) for end in changed]
-    recordings = {name: own for name, (_, own) in made.items()}
+    recordings = {name: own for name, (_, own) in made.items()} | {FAULTY: replace(recording, imu=imu)}
     try:
-        recordings[FAULTY] = check_streams(replace(recording, imu=imu))
-        outcome = calibrate_tray(recordings.__getitem__, list(made), CalibrationSettings())
+        outcome = calibrate_tray(lambda name: check_streams(recordings[name]), list(made), CalibrationSettings())
     except KreiselError as error:
         return f"refused: {error}"
     by_name = {unit.name: unit for unit in outcome.units}

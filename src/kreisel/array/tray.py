@@ -37,7 +37,7 @@ from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.model.calibration_settings import BY_CHOICE, CalibrationSettings
 from kreisel.model.parameters import PASSING_GROUPS
 from kreisel.progress import Progress
-from kreisel.recording.recording import Recording
+from kreisel.recording.recording import DataWarning, Recording
 from kreisel.synchronization.clock import Clock
 from kreisel.tasks import Executor, sequential
 from kreisel.validation.checks import check_streams
@@ -59,6 +59,9 @@ much as the others."""
 _WHOLE = 0.98
 """Share of the recording that the readings of a unit of the mean cover, over that of most units. Chosen: where a unit
 begins or ends, the mean changes by its lever arms, which is no motion."""
+
+_HARDLY = 1e-4
+"""Share of a recording up to which readings that are far off are not worth a word."""
 
 _NEEDED = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
 
@@ -104,13 +107,13 @@ def calibrate_tray(
             if other.verdict.accepted or not mean.verdict.accepted:
                 settings, mean = more, other
                 continue
-        out = _odd_one(tray, found, turned)
+        out = _odd_one(tray, found.misfits) or _turned_one(tray, found, turned)
         if out in found.turns:
             turned[out] = found.turns[out]
         elif out is not None:
             odd[out] = found.misfits[out]
         else:
-            out = _clearest(tray, found, settings.fixed)
+            out = _odd_one(tray, found.roughness) or _clearest(tray, found, settings.fixed)
             if out is None:
                 break
             unlike.add(out)
@@ -163,15 +166,20 @@ def _not_fixed(fit: UnitFit, fixed: Collection[str]) -> dict[str, float]:
     return {group: weight for group, weight in fit.shown.items() if group not in fixed}
 
 
-def _odd_one(tray: _Tray, found: _Fitted, turned: Mapping[str, Turn]) -> str | None:
-    """Return the unit that the mean is better without: the one that fits worst, or that turned on its mount."""
-    rest = {name: found.misfits[name] for name in tray.in_mean if name in found.misfits}
+def _odd_one(tray: _Tray, misfits: Mapping[str, float]) -> str | None:
+    """Return the unit that the mean is better without, by misfits: the one that fits worst."""
+    rest = {name: misfits[name] for name in tray.in_mean if name in misfits}
     if len(rest) < MIN_UNITS:
         return None
     worst = max(rest, key=lambda name: rest[name])
     others = float(np.median([own for name, own in rest.items() if name != worst]))
-    if rest[worst] > max(_MISFIT, _ODD * others):
-        return worst
+    return worst if rest[worst] > max(_MISFIT, _ODD * others) else None
+
+
+def _turned_one(tray: _Tray, found: _Fitted, turned: Mapping[str, Turn]) -> str | None:
+    """Return the unit that turned on its mount most clearly, if the others show that it was this one."""
+    if sum(name in found.misfits for name in tray.in_mean) < MIN_UNITS:
+        return None
     turns = {name: turn.weight for name, turn in found.turns.items() if name not in turned and name in tray.in_mean}
     return max(turns, key=lambda name: turns[name], default=None)
 
@@ -331,12 +339,16 @@ def unit_reader(base: Recording, first: str) -> Callable[[str], Recording]:
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Fits of all units that can be fitted, which turned on their mounts, and how far differences exceed the noise."""
+    """Fits of all units that can be fitted, which turned on their mounts, and how far differences exceed the noise.
+
+    `misfits` are without rows that are far off, `roughness` with them.
+    """
 
     fits: dict[str, UnitFit]
     turns: dict[str, Turn]
     failed: dict[str, str]
     misfits: dict[str, float]
+    roughness: dict[str, float]
 
 
 def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None, executor: Executor) -> _Fitted:
@@ -372,14 +384,15 @@ def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None, executor: Exe
             else:
                 fits[name] = found
     turns = {name: turn for name, fit in fits.items() if (turn := turn_of(fit.parts)) is not None}
-    misfits = {name: _misfit(fit, tray.units[name], common.mean.row) for name, fit in fits.items()}
-    return _Fitted(fits, turns, failed, misfits)
+    usual = {name: tray.units[name].noise[:, None] / np.sqrt(common.mean.row) for name in fits}
+    misfits = {name: _over(fit.noise, usual[name]) * float(np.median(fit.excess)) for name, fit in fits.items()}
+    roughness = {name: _over(fit.rough, usual[name]) for name, fit in fits.items()}
+    return _Fitted(fits, turns, failed, misfits, roughness)
 
 
-def _misfit(fit: UnitFit, aligned: Aligned, row: float) -> float:
-    """Return by how much a unit's differences from the common motion exceed what its noise explains."""
-    usual = aligned.noise[:, None] / np.sqrt(row)
-    return float(np.sqrt(np.mean((fit.noise / usual) ** 2)) * np.median(fit.excess))
+def _over(noise: Array, usual: Array) -> float:
+    """Return by how much differences from the common motion (2, 3) exceed what a unit's noise explains."""
+    return float(np.sqrt(np.mean((noise / usual) ** 2)))
 
 
 def _groups(names: Sequence[str]) -> Iterator[Sequence[str]]:
@@ -454,14 +467,23 @@ def _outcome(
         fit, own, turn = found.fits[name], tray.recording(name), turns.get(name)
         spread = spread_of(fit, mean.calibration, seconds)
         verdict = _verdict(mean, turn, odd.get(name), _not_fixed(fit, fixed), sure=name in turned)
-        calibration = unit_calibration(fit, mean.calibration, own, spread, verdict, own.warnings, clock)
-        return UnitOutcome(name, calibration, fit, shares[name], turn)
+        far = _far(fit, seconds)
+        calibration = unit_calibration(fit, mean.calibration, own, spread, verdict, (*own.warnings, *far), clock)
+        return UnitOutcome(name, calibration, fit, shares[name], turn, far)
 
     groups = _groups(list(found.fits))
     units = [unit for group in groups for unit in executor([partial(concluded, name) for name in group])]
     left_out = tuple((tray.left_out | found.failed).items())
     poses, covariance = places_of_units(mean.calibration, units)
     return TrayOutcome(tray.base, mean, tuple(units), left_out, poses, covariance, tray.gain)
+
+
+def _far(fit: UnitFit, seconds: float) -> tuple[DataWarning, ...]:
+    """Return the warning about readings that differ from the motion of the other units for some time."""
+    if fit.far <= _HARDLY * seconds:
+        return ()
+    said = f"its readings differ grossly from the motion of the other units for {fit.far:.2g} s; these are not used"
+    return (DataWarning("unit", said),)
 
 
 def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, shown: Collection[str], *, sure: bool) -> Verdict:

@@ -12,7 +12,7 @@ from kreisel.array.unit_fit import UnitFit
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import Recording
+from kreisel.recording.recording import DataWarning, Recording
 from kreisel.synchronization.clock import Clock
 
 
@@ -26,6 +26,8 @@ class UnitOutcome:
         Of gyros and accelerometers in the mean.
     turn
         Its turn on its mount during the recording, where there was one.
+    warnings
+        What the motion of the others shows of it.
     """
 
     name: str
@@ -33,6 +35,7 @@ class UnitOutcome:
     fit: UnitFit
     share: Array
     turn: Turn | None
+    warnings: tuple[DataWarning, ...] = ()
 
 
 @dataclass(frozen=True)

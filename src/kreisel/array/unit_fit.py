@@ -67,8 +67,11 @@ class UnitFit:
         Of errors that are the unit's own, against the mean.
     by_motion : (p, q)
         Change by each parameter of the calibration that the motion is from.
-    noise : (2, 3)
-        Standard deviations of rows of the gyros, rad/s, and of the accelerometers, m/s^2.
+    noise, rough : (2, 3)
+        Standard deviations of rows of the gyros, rad/s, and of the accelerometers, m/s^2; and with those that are far
+        off, which are not used.
+    far
+        For how long one of the axes is far off, s.
     excess : (p,)
         Factors by which deviations exceed those by the noise alone; the covariance contains them.
     parts
@@ -83,6 +86,8 @@ class UnitFit:
     covariance: Array
     by_motion: Array
     noise: Array
+    rough: Array
+    far: float
     excess: Array
     parts: RowParts
     shown: dict[str, float]
@@ -194,6 +199,8 @@ def fit_unit(
         J @ P @ J.T,
         J @ by_motion,
         solved.noise.reshape(2, 3),
+        solved.rough.reshape(2, 3),
+        float(np.count_nonzero(whole & ~(solved.weights > 0.0).all(axis=0))) * mean.row,
         factor,
         _parts(solved, mean, sensors),
         _shown(averaged(raw, _COARSE), averaged(whole.astype(float), _COARSE) == 1.0, common.coarse, sensors, layout),
@@ -408,18 +415,19 @@ def _rows(
 
 @dataclass(frozen=True)
 class _Solved:
-    """A step of the fit: averaged rows with their weights, the change, and the information."""
+    """A step of the fit: averaged rows with their weights, scatter without and with far ones, change, information."""
 
     axes: list[_Axis]
     weights: Array
     noise: Array
+    rough: Array
     change: Array
     information: Array
 
 
 def _solve(axes: list[_Axis], whole: Mask, count: int) -> _Solved:
     """Return the least squares solution; rows far off are left out, and counted by the scatter of the others."""
-    noise, change, weights = np.ones(6), np.zeros(count), np.tile(whole.astype(float), (6, 1))
+    noise, rough, change, weights = np.ones(6), np.ones(6), np.zeros(count), np.tile(whole.astype(float), (6, 1))
     for step in range(3):
         A, b = np.zeros((count, count)), np.zeros(count)
         for k, axis in enumerate(axes):
@@ -435,8 +443,10 @@ def _solve(axes: list[_Axis], whole: Mask, count: int) -> _Solved:
             near = np.abs(left) < _GROSS * noise[k]
             if step:
                 weights[k] = whole & near
-            noise[k] = max(float(np.sqrt(np.mean(left[whole & near] ** 2))), 1e-15)
-    return _Solved(axes, weights / noise[:, None] ** 2, noise, change, A)
+            noise[k], rough[k] = (
+                max(float(np.sqrt(np.mean(left[rows] ** 2))), 1e-15) for rows in (whole & near, whole)
+            )
+    return _Solved(axes, weights / noise[:, None] ** 2, noise, rough, change, A)
 
 
 def _solution(A: Array, b: Array) -> Array:

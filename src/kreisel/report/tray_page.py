@@ -68,7 +68,7 @@ def facts_of(outcome: TrayOutcome) -> list[str]:
     facts = [f"{name} is not used: {reason}" for name, reason in outcome.left_out]
     for unit in outcome.units:
         own = unit.calibration.verdict.reasons[len(outcome.mean.verdict.reasons) :]
-        facts += [f"{unit.name}: {reason}" for reason in own]
+        facts += [f"{unit.name}: {one}" for one in (*own, *(warning.message for warning in unit.warnings))]
     mean = outcome.mean.verdict
     if not mean.accepted:
         facts += [f"The mean of the units is rejected, and all units with it: {'; '.join(mean.reasons)}."]

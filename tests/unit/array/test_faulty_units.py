@@ -13,6 +13,7 @@ from kreisel.calibration.device_axes import vector_of
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
+from kreisel.validation.checks import check_streams
 
 NAMES, FAULTY = ("imu0", "imu1", "imu2", "imu3"), "imu2"
 
@@ -110,3 +111,37 @@ def test_a_unit_that_ends_early_is_calibrated_and_not_in_the_mean():
     assert all(unit.calibration.accepted for unit in units.values())
     assert not units[FAULTY].share.any()
     assert max(worst.values()) < 4.0
+
+
+@pytest.mark.slow
+def test_bursts_in_one_unit_cost_that_unit_these_moments_and_the_others_nothing():
+    """Vibration of 3 m/s^2 for a twentieth of the time: its rows are left out, and would show in the mean."""
+
+    def shaken(imu):
+        rng = np.random.default_rng(7)
+        bursts = (np.sin(2.0 * np.pi * imu.seconds / 10.0) > 0.988)[:, None]
+        return replace(imu, accelerations=imu.accelerations + 3.0 * bursts * rng.normal(size=imu.accelerations.shape))
+
+    units, worst = calibrated(shaken)
+    assert all(unit.calibration.accepted for unit in units.values())
+    assert [name for name, unit in units.items() if unit.warnings] == [FAULTY]
+    assert "differ grossly from the motion of the other units for" in units[FAULTY].warnings[0].message
+    assert not units[FAULTY].share.any()
+    assert max(worst.values()) < 4.0
+
+
+@pytest.mark.slow
+def test_a_unit_with_an_axis_that_stays_is_left_out():
+    def stuck(imu):
+        rates = imu.rates.copy()
+        rates[8000:9000, 1] = rates[8000, 1]
+        return replace(imu, rates=rates)
+
+    def read(name):
+        recording = tray()[name][1]
+        return check_streams(replace(recording, imu=stuck(recording.imu)) if name == FAULTY else recording)
+
+    outcome = calibrate_tray(read, NAMES, CalibrationSettings())
+    assert [unit.name for unit in outcome.units] == [name for name in NAMES if name != FAULTY]
+    assert all(unit.calibration.accepted for unit in outcome.units)
+    assert "stuck or dead channel" in dict(outcome.left_out)[FAULTY]
