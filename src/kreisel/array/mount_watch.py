@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.array.unit_fit import RowParts
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Mask
 
 _SURE = 45.0
 """Chi-square with three degrees of freedom of the likeliest turn, from which it counts. Chosen: probability 1e-9 for
@@ -25,6 +25,9 @@ _DIFFERENT = 21.1
 
 _MEDIAN = 2.366
 """Median of chi-square with three degrees of freedom."""
+
+_DETERMINED = 1e12
+"""Condition up to which a turn, or a change of offsets, is determined."""
 
 _EDGE = 3
 """Parts at either end in which no turn is looked for."""
@@ -52,40 +55,55 @@ class Turn:
 
 def turn_of(parts: RowParts) -> Turn | None:
     """Return the turn of a unit on its mount, if the data show one."""
-    count = parts.info.shape[1]
     inverse = np.asarray(np.linalg.inv(parts.whole), dtype=float)
-    noise = [_scatter(parts, triad) for triad in range(2)]
-    best = None
-    for k in range(_EDGE, count - _EDGE):
-        found = [_estimate(parts, triad, k, inverse, noise[triad]) for triad in range(2)]
-        if found[0] is None or found[1] is None:
-            continue
-        (a, A), (b, B) = found[0], found[1]
-        information = A + B
-        angle = np.asarray(np.linalg.solve(information, A @ a + B @ b), dtype=float)
-        weight = float(angle @ information @ angle)
-        if best is None or weight > best[0]:
-            apart = float((a - b) @ np.linalg.solve(np.linalg.inv(A) + np.linalg.inv(B), a - b))
-            best = weight, k, angle, information, min(float(a @ A @ a), float(b @ B @ b)), apart
-    if best is None or best[0] < _SURE or best[4] < _EACH or best[5] > max(_DIFFERENT, 0.05 * best[0]):
+    (a, A, seen_a), (b, B, seen_b) = (_estimates(parts, triad, inverse) for triad in range(2))
+    k = _EDGE + np.flatnonzero((seen_a & seen_b)[_EDGE : len(a) - _EDGE])
+    if k.size == 0:
         return None
-    weight, k, angle, information = best[:4]
-    return Turn(float(parts.seconds[k]), angle, np.sqrt(np.diag(np.linalg.inv(information))), weight)
+    a, A, b, B = a[k], A[k], b[k], B[k]
+    information = A + B
+    angle = _solved(information, _times(A, a) + _times(B, b))
+    weight, each = _square(angle, information), np.minimum(_square(a, A), _square(b, B))
+    best = int(np.argmax(weight))
+    apart = a[best] - b[best]
+    different = float(apart @ np.linalg.solve(np.linalg.inv(A[best]) + np.linalg.inv(B[best]), apart))
+    if weight[best] < _SURE or each[best] < _EACH or different > max(_DIFFERENT, 0.05 * float(weight[best])):
+        return None
+    deviation = np.sqrt(np.diag(np.linalg.inv(information[best])))
+    return Turn(float(parts.seconds[k[best]]), angle[best], deviation, float(weight[best]))
 
 
-def _estimate(parts: RowParts, triad: int, k: int, inverse: Array, noise: float) -> tuple[Array, Array] | None:
-    """Return the turn before part k by one triad, and its information; offsets are free, all parameters too."""
-    cross = parts.cross[triad, k:].sum(axis=0)
-    V = parts.info[triad, k:].sum(axis=0) - cross @ inverse @ cross.T
-    u = parts.score[triad, k:].sum(axis=0)
-    offsets = V[3:, 3:]
-    if np.linalg.cond(offsets) > 1e12:
-        return None
-    gain = V[:3, 3:] @ np.linalg.inv(offsets)
-    W, v = V[:3, :3] - gain @ V[3:, :3], u[:3] - gain @ u[3:]
-    if np.linalg.cond(W) > 1e12:
-        return None
-    return np.linalg.solve(W, v), W / noise
+def _estimates(parts: RowParts, triad: int, inverse: Array) -> tuple[Array, Array, Mask]:
+    """Return turns (k, 3) before each part by one triad, their information (k, 3, 3), and which are determined.
+
+    Offsets are free, all parameters too.
+    """
+    cross, info, score = (_from_here(own[triad]) for own in (parts.cross, parts.info, parts.score))
+    V = info - cross @ inverse @ np.swapaxes(cross, 1, 2)
+    offsets = V[:, 3:, 3:]
+    seen = np.linalg.cond(offsets) < _DETERMINED
+    gain = V[:, :3, 3:] @ np.linalg.inv(np.where(seen[:, None, None], offsets, np.eye(3)))
+    W, v = V[:, :3, :3] - gain @ V[:, 3:, :3], score[:, :3] - _times(gain, score[:, 3:])
+    seen &= np.linalg.cond(W) < _DETERMINED
+    W = np.where(seen[:, None, None], W, np.eye(3))
+    return _solved(W, v), W / _scatter(parts, triad), seen
+
+
+def _from_here(values: Array) -> Array:
+    """Return sums of each part (k, …) and all after it."""
+    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
+
+
+def _times(M: Array, v: Array) -> Array:
+    return np.asarray(np.einsum("kij,kj->ki", M, v))
+
+
+def _solved(M: Array, v: Array) -> Array:
+    return np.asarray(np.linalg.solve(M, v[..., None])[..., 0])
+
+
+def _square(v: Array, M: Array) -> Array:
+    return np.asarray(np.einsum("ki,kij,kj->k", v, M, v))
 
 
 def _scatter(parts: RowParts, triad: int) -> float:
