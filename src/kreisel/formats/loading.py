@@ -30,7 +30,8 @@ def load(
     reference
         Name of the reference: a folder's name, or a topic in a bag.
     imu
-        Name of the IMU: a folder's name (by default `imu0`), in a bag a topic or the name of a unit (`imu1`).
+        Name of the IMU: a folder's name (by default `imu0`), in a bag a topic or the name of a unit (`imu1`), in tables
+        that of `[columns.imu1]`.
     columns
         Which columns of tables of another shape hold what, 'imu.time=t [ms]' each; see `mapping`. They replace those of
         `[columns]` in recording.toml.
@@ -45,7 +46,7 @@ def load(
         If there is nothing that can be read, or its streams are unsorted, not finite, or of impossible
         units; the message says where.
     SettingsError
-        If `imu` asks for all IMUs.
+        If `imu` asks for all IMUs, or names none where `columns` name several.
     """
     path = Path(path)
     if imu == ALL:
@@ -55,7 +56,7 @@ def load(
         )
     if not path.exists():
         raise RecordingError("no such file or folder; give a folder, an .mcap file or a bag", file=path)
-    mapped = mapped_recording(path, columns, progress)
+    mapped = mapped_recording(path, columns, progress, imu)
     if mapped is not None:
         recording = mapped
     elif (form := format_of(path)) is not None:
@@ -79,9 +80,11 @@ def not_a_recording(path: Path) -> RecordingError:
 
 
 def mapped_recording(
-    path: Path, columns: Iterable[str] | Mapping[str, str], progress: Progress | None = None
+    path: Path, columns: Iterable[str] | Mapping[str, str], progress: Progress | None = None, imu: str | None = None
 ) -> Recording | None:
     """Return the recording in tables of another shape, or None where the path is no such thing.
+
+    imu: as for `load`.
 
     Raises
     ------
@@ -109,9 +112,13 @@ def mapped_recording(
     from kreisel.formats.mapping import merged
 
     columns_of = merged(settings.columns, given)
-    own = columns_of.imu
+    own = columns_of.of_imu(columns_of.names[0]).imu
     if settings.columns is None and not usual and None in (own.time, own.rate, own.acceleration):
         from kreisel.formats.proposal import unknown_columns
 
         raise unknown_columns(path, progress, columns_of)  # some entries alone: they stand in the proposal
-    return load_mapped(path, settings, columns_of)
+    if given and imu is None and len(columns_of.names) > 1:
+        raise SettingsError(
+            f"--map with {len(columns_of.names)} IMUs: choose one with --imu, or write [columns.imu1] in recording.toml"
+        )
+    return load_mapped(path, settings, columns_of, imu=imu)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel.errors import RecordingError
+from kreisel.errors import RecordingError, unknown_name
 from kreisel.formats.mapping import Term, TimeRule, parse_orientation, parse_terms, parse_time
 from kreisel.formats.robot_description import description_beside, is_there
 from kreisel.formats.rotation_forms import positions_of, quantity_of, quaternions_of
@@ -45,6 +46,12 @@ class _Tables:
     usual: Path | None
     read: dict[Path, Sheet]
 
+    @classmethod
+    def of_recording(cls, path: Path, read: dict[Path, Sheet]) -> _Tables:
+        """Return the tables at a path; `read` are those that were read already."""
+        found = tables_in(path)
+        return cls(path if path.is_dir() else path.parent, found[0] if len(found) == 1 else None, read)
+
     def of(self, file: str | None, what: str) -> Sheet:
         path = self.usual if file is None else self.folder / file
         if path is None:
@@ -73,33 +80,70 @@ def settings_beside(path: Path) -> RecordingSettings:
 
 
 def load_mapped(
-    path: Path, settings: RecordingSettings, columns: ColumnsTable, read: dict[Path, Sheet] | None = None
+    path: Path,
+    settings: RecordingSettings,
+    columns: ColumnsTable,
+    read: dict[Path, Sheet] | None = None,
+    imu: str | None = None,
 ) -> Recording:
-    """Return the recording in a table, or in the tables of a folder; `read` are those that were read already.
+    """Return the recording in a table, or in the tables of a folder.
+
+    Parameters
+    ----------
+    read
+        Tables that were read already.
+    imu
+        Name of the IMU, where there are several; the first one by default.
 
     Raises
     ------
     RecordingError, SettingsError
         If a file or column is missing, or cannot be read.
     """
-    found = tables_in(path)
-    folder = path if path.is_dir() else path.parent
-    tables = _Tables(folder, found[0] if len(found) == 1 else None, {} if read is None else read)
+    tables, folder = _Tables.of_recording(path, {} if read is None else read), path if path.is_dir() else path.parent
     warnings: list[DataWarning] = []
-    imu = _imu(tables, columns, warnings)
+    name = columns.names[0] if imu is None else imu
+    columns, samples = _of_one(tables, columns, name, warnings)
     reference = _reference(tables, columns, warnings)
     joints = _joints(tables, columns)
-    settings = settings.model_copy(update={"columns": None})
+    settings = settings.of_imu(name).model_copy(update={"columns": None})
     urdf = description_beside(folder, settings)
-    return Recording(path, imu, reference, joints, settings, tuple(warnings), urdf=urdf)
+    return Recording(path, samples, reference, joints, settings, tuple(warnings), urdf=urdf)
 
 
-def _imu(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) -> ImuSamples:
+def imus_of(path: Path) -> tuple[str, ...]:
+    """Return the names of the IMUs that [columns] in recording.toml names; none where there is no such table."""
+    columns = settings_beside(path).columns
+    return () if columns is None else columns.names
+
+
+def reader_of_imus(path: Path) -> Callable[[str], tuple[ImuSamples, tuple[DataWarning, ...]]]:
+    """Return what reads the readings of one IMU that [columns] in recording.toml names; a table is read once."""
+    tables, columns = _Tables.of_recording(path, {}), settings_beside(path).columns or ColumnsTable()
+
+    def read(name: str) -> tuple[ImuSamples, tuple[DataWarning, ...]]:
+        warnings: list[DataWarning] = []
+        return _of_one(tables, columns, name, warnings)[1], tuple(warnings)
+
+    return read
+
+
+def _of_one(
+    tables: _Tables, columns: ColumnsTable, name: str, warnings: list[DataWarning]
+) -> tuple[ColumnsTable, ImuSamples]:
+    """Return the columns with those of one IMU as the IMU's, and its readings."""
+    if name not in columns.names:
+        raise RecordingError(f"{unknown_name('IMU', name, columns.names)}; choose with --imu", file=tables.folder)
+    own = columns.of_imu(name)
+    return own, _imu(tables, own, name if columns.imus else "imu", warnings)
+
+
+def _imu(tables: _Tables, columns: ColumnsTable, name: str, warnings: list[DataWarning]) -> ImuSamples:
     own = columns.imu
     for key in ("time", "rate", "acceleration"):
         if getattr(own, key) is None:
-            raise RecordingError(f"columns.imu.{key} is missing; name the columns of the IMU", file=tables.folder)
-    sheet = tables.of(own.file, "imu")
+            raise RecordingError(f"columns.{name}.{key} is missing; name the columns of the IMU", file=tables.folder)
+    sheet = tables.of(own.file, name)
     rate, acceleration = parse_terms(str(own.rate), "rate"), parse_terms(str(own.acceleration), "acceleration")
     sheet.check_lengths(term.name for term in (*rate, *acceleration, *parse_time(str(own.time)).terms))
     rates, rate_unit = _vectors(sheet, rate, "rate", 3)
@@ -116,7 +160,7 @@ def _imu(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) ->
         _counted(np.where(known, stamps, NO_STAMP), keep, str(own.time)),
         rates[keep],
         forces[keep],
-        sheet.source / "imu",
+        sheet.source / name,
         units,
         temperature=temperature,
         rows=np.flatnonzero(keep),
@@ -172,8 +216,9 @@ def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarnin
 
 def _places_read(sheet: Sheet, columns: ColumnsTable) -> set[int]:
     """Return the columns of a table that any stream reads its values from."""
-    imu, joints = columns.imu, columns.joints
-    texts = ((imu.rate, "rate"), (imu.acceleration, "acceleration"), (joints.angles, "angle"))
+    texts = [(columns.joints.angles, "angle")]
+    for imu in (columns.imu, *columns.imus.values()):
+        texts += [(imu.rate, "rate"), (imu.acceleration, "acceleration")]
     triads = [parse_terms(text, quantity) for text, quantity in texts if text is not None]
     names = {term.name for terms in (*triads, _pose_terms(columns.reference)) for term in terms}
     found = set()

@@ -24,6 +24,7 @@ from kreisel.recording.recording_settings import ColumnsTable
 _UNIT = re.compile(r"^(.*?)\s*\[\s*([^\[\]]*?)\s*\]\s*$")
 _RANGE = re.compile(r"^#(\d+)\s*-\s*#?(\d+)$")
 _MAX = 1000  # columns of a range; chosen as in `csv_table`: a matrix has 16
+_ONE_IMU = re.compile(r"^(imu\d+)\.(\w+)$")
 _HERTZ = re.compile(r"^([0-9.eE+]+)\s*Hz$")
 
 
@@ -143,16 +144,19 @@ def merged(table: ColumnsTable | None, pairs: Iterable[str] | Mapping[str, str])
         For an entry that is not known.
     """
     content = {} if table is None else table.model_dump(exclude_none=True)
-    known = {f"{name}.{key}": (name, key) for name in ColumnsTable.model_fields
+    known = {f"{name}.{key}": (name, key) for name in ("imu", "reference", "joints")
              for key in type(getattr(ColumnsTable(), name)).model_fields}  # fmt: skip
     pairs = [pairs] if isinstance(pairs, str) else pairs
     entries = pairs.items() if isinstance(pairs, Mapping) else (pair.partition("=")[::2] for pair in pairs)
     for name, value in entries:
         name = name.strip()
-        if name not in known:
+        one_imu = _ONE_IMU.match(name)
+        plain = f"imu.{one_imu[2]}" if one_imu else name
+        if plain not in known:
             raise SettingsError(unknown_name("column", name, known) + "; write --map 'imu.time=t [ms]'")
         if not str(value).strip():
             raise SettingsError(f"--map {name}: no columns are named")
-        group, key = known[name]
-        content.setdefault(group, {})[key] = str(value).strip()
+        group, key = known[plain]
+        place = content.setdefault("imus", {}).setdefault(one_imu[1], {}) if one_imu else content.setdefault(group, {})
+        place[key] = str(value).strip()
     return ColumnsTable.model_validate(content)

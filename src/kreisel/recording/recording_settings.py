@@ -139,11 +139,29 @@ class JointColumns(_Table):
 
 
 class ColumnsTable(_Table):
-    """Which columns of which tables hold what."""
+    """Which columns of which tables hold what.
+
+    `imus` are tables of several IMUs, [columns.imu1] for that of this name; [columns.imu] is that of imu0, and says
+    where the others stand unless they do.
+    """
 
     imu: ImuColumns = ImuColumns()
     reference: ReferenceColumns = ReferenceColumns()
     joints: JointColumns = JointColumns()
+    imus: dict[str, ImuColumns] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the IMUs, in the order of their numbers."""
+        first = {"imu0"} if self.imu.rate is not None or not self.imus else set()
+        return tuple(sorted({*first, *self.imus}, key=lambda name: int(name[3:])))
+
+    def of_imu(self, name: str) -> ColumnsTable:
+        """Return the columns with those of one of the IMUs as that of the IMU."""
+        own = self.imus.get(name)
+        stated = {} if own is None else own.model_dump(exclude_none=True)
+        first = self.imu.model_dump(include={"file", "time"}) if name != "imu0" else self.imu.model_dump()
+        return self.model_copy(update={"imu": ImuColumns(**{**first, **stated})})
 
 
 class RecordingSettings(_Table):
@@ -189,6 +207,8 @@ class RecordingSettings(_Table):
         """What is set, by the tables of recording.toml."""
         tables = self.model_dump(exclude_none=True)
         of_units = tables.pop("imus") | tables.pop("devices")
+        if "columns" in tables:
+            tables["columns"] |= tables["columns"].pop("imus")
         return tables | of_units
 
     @field_validator("fixed", "prior", mode="before")
@@ -255,7 +275,7 @@ def read_settings(path: Path) -> RecordingSettings:
         if not isinstance(table, dict):
             raise RecordingError(f"'{name}' must be a table: write [{name}]", file=path)
         for key in table if kind in _TABLES else ():
-            if key not in _TABLES[kind].model_fields:
+            if (_kind_of(key) if name == "columns" else key) not in _TABLES[kind].model_fields:
                 raise RecordingError(unknown_name("key", f"{name}.{key}", _TABLES[kind].model_fields), file=path)
     try:
         # strict: "0.001" and true are not numbers
@@ -265,11 +285,13 @@ def read_settings(path: Path) -> RecordingSettings:
 
 
 def with_units_together(tables: Mapping[str, Any]) -> dict[str, Any]:
-    """Return tables as `RecordingSettings` has them: [imu1] is in `imus`, [device1] in `devices`."""
+    """Return tables as `RecordingSettings` has them: [imu1], also of columns, is in `imus`, [device1] in `devices`."""
     out: dict[str, Any] = {}
     for name, table in tables.items():
         kind = _kind_of(name)
-        if kind == name:
+        if name == "columns":
+            out[name] = with_units_together(table)
+        elif kind == name:
             out[name] = table
         else:
             out.setdefault(_OF_ONE_IMU[kind], {})[name] = table

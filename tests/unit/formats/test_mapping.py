@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from kreisel.errors import KreiselError, RecordingError, SettingsError, UnknownColumnsError
+from kreisel.formats.imus import imu_reader, imus_in
 from kreisel.formats.loading import load
 from kreisel.formats.mapped import tables_in
 from kreisel.formats.mapping import merged, parse_terms, parse_time
@@ -308,3 +309,103 @@ def test_the_table_of_a_result_is_none_of_the_recording(tmp_path: Path) -> None:
     assert [path.name for path in tables_in(tmp_path)] == ["estimates.csv", "log.csv"]
     (tmp_path / "calibration.yaml").write_text("")
     assert [path.name for path in tables_in(tmp_path)] == ["log.csv"]
+
+
+SEVERAL = """
+[columns.imu]
+file = "board.csv"
+time = "t [ns]"
+rate = "g0x, g0y, g0z"
+acceleration = "a0x, a0y, a0z"
+
+[columns.imu1]
+rate = "g1x, g1y, g1z"
+acceleration = "a1x, a1y, a1z"
+
+[columns.imu12]
+file = "other.csv"
+time = "ms [ms]"
+rate = "-x, y, z [deg/s]"
+acceleration = "#5-7 [g]"
+
+[columns.reference]
+file = "poses.csv"
+time = "t [ns]"
+position = "x, y, z"
+orientation = "quaternion wxyz: qw, qx, qy, qz"
+
+[imu]
+grade = "industrial-mems"
+
+[imu12]
+grade = "fog"
+"""
+
+
+def several_imus(folder: Path) -> Recording:
+    """Write tables of three IMUs, whose readings are multiples of each other's, and return that of the first."""
+    want = recorded()[1]
+    imu, poses = want.imu, want.reference
+    t, w, a = imu.stamps_ns, imu.rates, imu.accelerations
+    board = [t.astype(object), *w.T, *a.T, *(2.0 * w).T, *(0.5 * a).T]
+    names = "t,g0x,g0y,g0z,a0x,a0y,a0z,g1x,g1y,g1z,a1x,a1y,a1z"
+    other = [1e-6 * t, *np.degrees(3.0 * w * [-1.0, 1.0, 1.0]).T, *(a / 9.80665).T]
+    reference = [poses.stamps_ns.astype(object), *poses.positions.T, *poses.quaternions.T]
+    for name, header, columns in (
+        ("board.csv", names, board),
+        ("other.csv", "ms,x,y,z,fx,fy,fz", other),
+        ("poses.csv", "t,x,y,z,qw,qx,qy,qz", reference),
+    ):
+        rows = [",".join(str(cell) for cell in row) for row in zip(*columns, strict=True)]
+        (folder / name).write_text("\n".join([header, *rows, ""]))
+    (folder / "recording.toml").write_text(SEVERAL)
+    return want
+
+
+def test_columns_of_several_imus_are_units_of_one_recording(tmp_path: Path) -> None:
+    want = several_imus(tmp_path)
+    assert imus_in(tmp_path) == ("imu0", "imu1", "imu12")
+    read = imu_reader(tmp_path)
+    for name, factor, share, grade in (
+        ("imu0", 1.0, 1.0, "industrial-mems"),
+        ("imu1", 2.0, 0.5, "industrial-mems"),
+        ("imu12", 3.0, 1.0, "fog"),
+    ):
+        whole, (samples, warnings) = load(tmp_path, imu=name), read(name)
+        for got in (whole.imu, samples):
+            np.testing.assert_allclose(got.rates, factor * want.imu.rates, rtol=1e-12, atol=1e-15)
+            np.testing.assert_allclose(got.accelerations, share * want.imu.accelerations, rtol=1e-12, atol=1e-15)
+            np.testing.assert_allclose(np.diff(got.stamps_ns), np.diff(want.imu.stamps_ns), atol=2e3)
+            assert got.source.name == name
+        assert whole.settings.imu.grade == grade
+        assert whole.reference.stamps_ns.size == want.reference.stamps_ns.size
+        assert not warnings
+    np.testing.assert_array_equal(load(tmp_path).imu.rates, load(tmp_path, imu="imu0").imu.rates)
+
+
+def test_what_is_wrong_with_one_of_several_imus_is_said(tmp_path: Path) -> None:
+    several_imus(tmp_path)
+    with pytest.raises(RecordingError, match="unknown IMU 'imu7'; known are: imu0, imu1, imu12"):
+        load(tmp_path, imu="imu7")
+    with pytest.raises(SettingsError, match="--map with 3 IMUs: choose one"):
+        load(tmp_path, columns={"imu1.rate": "g0x, g0y, g0z"})
+    moved = load(tmp_path, imu="imu1", columns={"imu1.rate": "g0x, g0y, g0z"})
+    np.testing.assert_array_equal(moved.imu.rates, load(tmp_path, imu="imu0").imu.rates)
+    toml = tmp_path / "recording.toml"
+    toml.write_text(SEVERAL.replace('acceleration = "a1x, a1y, a1z"\n', ""))
+    with pytest.raises(RecordingError, match=r"columns\.imu1\.acceleration is missing"):
+        load(tmp_path, imu="imu1")
+    toml.write_text(SEVERAL.replace("columns.imu12", "columns.imo12"))
+    with pytest.raises(RecordingError, match=r"unknown key 'columns\.imo12'"):
+        load(tmp_path)
+    toml.write_text(SEVERAL.replace("[columns.imu12]\nfile", "[columns.imu12]\nfiles"))
+    with pytest.raises(RecordingError, match=r"files"):
+        load(tmp_path)
+
+
+def test_one_further_imu_alone_is_the_imu(tmp_path: Path) -> None:
+    want = several_imus(tmp_path)
+    begin, end = SEVERAL.index("[columns.imu]"), SEVERAL.index("[columns.imu12]")
+    (tmp_path / "recording.toml").write_text(SEVERAL[:begin] + SEVERAL[end:])
+    assert imus_in(tmp_path) == ("imu12",)
+    np.testing.assert_allclose(load(tmp_path).imu.rates, 3.0 * want.imu.rates, rtol=1e-12, atol=1e-15)
