@@ -17,7 +17,7 @@ from contextlib import suppress
 
 HOST = "127.0.0.1"
 TICK = 0.008
-LIMIT = 60.0
+LIMIT = 150.0
 """Seconds after which what is waited for is taken not to come; reached by failures alone."""
 
 UR10E = ((0.1807, 0.0, math.pi / 2), (0.0, -0.6127, 0.0), (0.0, -0.57155, 0.0), (0.17415, 0.0, math.pi / 2),
