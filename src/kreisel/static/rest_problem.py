@@ -112,6 +112,8 @@ class RestProblem:
         Whether offsets are taken to be constant; otherwise they may walk.
     known
         What is known of the attitudes besides.
+    uncounted
+        Turns, by the standstill before each, whose revolutions nothing counts; they are not used.
     own_frame
         Whether b is the accelerometers' own frame; otherwise it is given by what is known of the attitudes.
     """
@@ -123,6 +125,7 @@ class RestProblem:
     effects: tuple[str, ...] = ("gyro_g_sensitivity",)
     constant_offsets: bool = False
     known: tuple[Knowledge, ...] = ()
+    uncounted: tuple[int, ...] = ()
     own_frame: bool = True
 
     @property
@@ -210,7 +213,10 @@ class RestProblem:
 
     def part(self, keep: Indices) -> RestProblem:
         """Return the problem of some standstills in a row."""
-        return replace(self, rests=self.rests.part(keep), known=tuple(one.part(keep) for one in self.known))
+        known, first = tuple(one.part(keep) for one in self.known), int(keep[0])
+        return replace(
+            self, rests=self.rests.part(keep), known=known, uncounted=tuple(m - first for m in self.uncounted)
+        )
 
     def changed(self, parameters: CellParameters, change: Array) -> CellParameters:
         """Return parameters moved by changes (P,) of the estimated ones."""

@@ -6,11 +6,12 @@ forces do: across an axis that is not upright, gravity goes round once with each
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, from_two_vectors, matrix
+from kreisel.geometry.rotation import Array, Indices, from_two_vectors, matrix
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.static.rest_problem import RestProblem
 
@@ -27,24 +28,33 @@ a revolution, over that of most, which each must reach, or the count is lost the
 
 def with_counted_spins(problem: RestProblem, start: SensorParameters) -> SensorParameters:
     """Return first values whose gyros turn as often as gravity does in the device, in turns of many revolutions."""
+    counted = [(way, ratio) for _, way, ratio in _spins(problem, start) if ratio is not None]
+    if not counted:
+        return start
+    ways = np.array([way for way, _ in counted])
+    ratios = np.array([ratio for _, ratio in counted])
+    return replace(start, K_omega=leading(ways, ratios[:, None] * ways) @ start.K_omega)
+
+
+def uncounted(problem: RestProblem, start: SensorParameters) -> Indices:
+    """Return the turns of many revolutions that gravity does not count: of these one more or less fits as well."""
+    return np.array([m for m, _, ratio in _spins(problem, start) if ratio is None], dtype=np.int64)
+
+
+def _spins(problem: RestProblem, start: SensorParameters) -> Iterator[tuple[int, Array, float | None]]:
+    """Yield turns of many revolutions about one axis: number, way by the gyros (3,), and the ratio of `_ratio`."""
     imu, rests = problem.imu, problem.rests
-    way, meant = [], []
-    for a, b in zip((rests.last[:-1] - 1).tolist(), rests.first[1:].tolist(), strict=True):
+    for m, (a, b) in enumerate(zip((rests.last[:-1] - 1).tolist(), rests.first[1:].tolist(), strict=True)):
         rate = (imu.rates[a : b + 1] + start.k_w[0]) @ start.K_omega.T
         h = np.diff(imu.seconds[a : b + 1])[:, None]
         steps = 0.5 * (rate[1:] + rate[:-1]) * h
-        whole = steps.sum(axis=0)
-        size = float(np.linalg.norm(whole))
+        way = steps.sum(axis=0)
+        size = float(np.linalg.norm(way))
         if size < 2.0 * np.pi * _FEWEST or size < _STRAIGHT * float(np.linalg.norm(steps, axis=1).sum()):
             continue
         force = (imu.accelerations[a : b + 1] + start.k_a[0]) @ start.K_a.T
-        ratio = _ratio(steps @ whole / size, 0.5 * (force[1:] + force[:-1]), whole / size, problem.site.gravity)
-        if ratio is not None:
-            way.append(whole)
-            meant.append(ratio * whole)
-    if not way:
-        return start
-    return replace(start, K_omega=leading(np.array(way), np.array(meant)) @ start.K_omega)
+        between = 0.5 * (force[1:] + force[:-1])
+        yield m, way, _ratio(steps @ way / size, between, way / size, problem.site.gravity)
 
 
 def leading(way: Array, meant: Array) -> Array:

@@ -15,7 +15,7 @@ from kreisel.static.first_values import MIN_ATTITUDES, first_values
 from kreisel.static.known_attitudes import Faces, HingeTurns, TableTurns, WholeTurns
 from kreisel.static.rest_equations import attitudes_by
 from kreisel.static.rest_problem import RestProblem
-from kreisel.static.spins import leading
+from kreisel.static.spins import leading, uncounted
 from kreisel.static.turns import turns_between
 
 METHODS = ("multi-position", "six-position", "ferraris", "turntable", "hinge")
@@ -83,6 +83,12 @@ class Chosen:
     counts: Counts | None = None
 
 
+_UNCOUNTED = (
+    "turns of many revolutions about an axis that is nearly upright, which nothing counts and which are not used: "
+    "{count}; tilt the axis by six degrees or more"
+)
+"""What is said of turns that are left out for this."""
+
 _DETECTED = {
     "six-position": "six-position: all standstills are on the six faces of a case, taken to be at right angles "
     "(--squareness); --method multi-position does without that",
@@ -120,6 +126,15 @@ def with_method(
     if table is not None and stated in (None, "turntable"):
         return _on_turntable(problem, table)
     start = first_values(problem)
+    lost = uncounted(problem, start.sensors)
+    if lost.size:
+        chosen = _by_hand(replace(problem, uncounted=tuple(lost.tolist())), start, stated, squareness)
+        return replace(chosen, warnings=(*chosen.warnings, DataWarning("turns", _UNCOUNTED.format(count=lost.size))))
+    return _by_hand(problem, start, stated, squareness)
+
+
+def _by_hand(problem: RestProblem, start: CellParameters, stated: str | None, squareness: float) -> Chosen:
+    """Return the method without a turntable."""
     if stated == "multi-position":
         return Chosen(stated, problem, start)
     if stated == "hinge":
