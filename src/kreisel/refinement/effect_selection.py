@@ -8,7 +8,6 @@ to compare models.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -144,7 +143,7 @@ class Survey:
         chosen = tuple(group for group in self.groups if group in groups)
         (value, P), columns = self._untempered.alone(chosen), self._columns(chosen)
         larger = with_groups(self.before, chosen, {group: self._priors[group] for group in chosen})
-        larger = with_room_for_means(larger, chosen, [value])
+        larger = _with_room_for_means(larger, chosen, value)
         moved = result_moved(self.before, self.fit, (columns @ value)[: len(self.before.parameter_names)])
         known = moved.parameters.with_order(larger.settings.polynomial_order)
         before, after = self.before.layout, larger.layout
@@ -401,18 +400,14 @@ def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
     return T
 
 
-def with_room_for_means(problem: Problem, groups: tuple[str, ...], values: Sequence[Array]) -> Problem:
-    """Return the problem with priors of offsets wider by what effects add to readings on average.
+def _with_room_for_means(problem: Problem, groups: tuple[str, ...], value: Array) -> Problem:
+    """Return the problem with priors of offsets wider by what effects of some values (k,) add to readings on average.
 
     An effect may stand for a function of another shape, which differs from it by a constant. An offset that a good
     grade holds would hand that constant to whatever effect is next.
-
-    values: of each of the groups, which are in the state.
     """
-    if not groups:
-        return problem
     layout, covariance = problem.layout, dict(problem.prior.covariance)
-    means = _kept_mean(problem, groups)[:, _places(problem, groups)] @ np.concatenate(values)
+    means = _kept_mean(problem, groups)[:, _places(problem, groups)] @ value
     for offset in OFFSET_OF.values():
         if offset in layout:
             covariance[offset] = covariance[offset] + np.diag(means[layout[offset]] ** 2)

@@ -16,7 +16,6 @@ from kreisel.fitting.fit import WIDE_GATE, Estimator, Fit, Linearised
 from kreisel.fitting.nonlinearity import curved
 from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
-from kreisel.inertial.effects import EFFECTS
 from kreisel.model.considered_terms import Considered, describe
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, with_correlation_time
@@ -26,14 +25,7 @@ from kreisel.refinement.arm_size import most_likely_size, with_arm_size
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy
-from kreisel.refinement.effect_selection import (
-    Survey,
-    considered,
-    selected,
-    survey,
-    with_room_for_means,
-    without_needless,
-)
+from kreisel.refinement.effect_selection import Survey, considered, selected, survey, without_needless
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import (
     NoiseFactors,
@@ -239,10 +231,7 @@ def _contradicted(first: Problem, passes: _Passes, stating: Problem) -> dict[str
     """Return the offsets whose prior in a problem the data contradict, but those that walk: they are not one value."""
     if passes.problem.settings.passes is not None:
         return {}
-    effects = tuple(group for group in passes.problem.groups if group in EFFECTS and group not in first.groups)
-    values = [passes.problem.stored(passes.run.parameters, group) for group in effects]
-    stated = replace(passes.problem, prior=stating.prior)
-    found = contradicted_offsets(with_room_for_means(stated, effects, values), passes.run)
+    found = contradicted_offsets(replace(passes.problem, prior=stating.prior), passes.run)
     walks, before = passes.problem.noise.offset_walk, first.noise.offset_walk
     return {group: score for group, score in found.items() if not walks.get(group, 0.0) > before.get(group, 0.0)}
 
