@@ -141,9 +141,8 @@ class Survey:
         pull at one that is found in the data.
         """
         chosen = tuple(group for group in self.groups if group in groups)
-        (value, P), columns = self._untempered.alone(chosen), self._columns(chosen)
         larger = with_groups(self.before, chosen, {group: self._priors[group] for group in chosen})
-        larger = _with_room_for_means(larger, chosen, value)
+        (value, P), columns = self._untempered.alone(chosen), self._columns(chosen)
         moved = result_moved(self.before, self.fit, (columns @ value)[: len(self.before.parameter_names)])
         known = moved.parameters.with_order(larger.settings.polynomial_order)
         before, after = self.before.layout, larger.layout
@@ -398,20 +397,6 @@ def _kept_mean(problem: Problem, groups: tuple[str, ...]) -> Array:
                 if places[axis] >= 0 and not known[offset + i]:
                     T[offset + i, own.start + places[axis]] -= mean
     return T
-
-
-def _with_room_for_means(problem: Problem, groups: tuple[str, ...], value: Array) -> Problem:
-    """Return the problem with priors of offsets wider by what effects of some values (k,) add to readings on average.
-
-    An effect may stand for a function of another shape, which differs from it by a constant. An offset that a good
-    grade holds would hand that constant to whatever effect is next.
-    """
-    layout, covariance = problem.layout, dict(problem.prior.covariance)
-    means = _kept_mean(problem, groups)[:, _places(problem, groups)] @ value
-    for offset in OFFSET_OF.values():
-        if offset in layout:
-            covariance[offset] = covariance[offset] + np.diag(means[layout[offset]] ** 2)
-    return replace(problem, prior=replace(problem.prior, covariance=covariance))
 
 
 def _has_usual(group: str) -> bool:
