@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from kreisel.validation.checks import check_streams
 LEVEL = (0.96, 0.28, 0.05)
 """Axis of a door laid down, in the local level."""
 
-DRILL = {"attitudes": 12, "spin": 40.0, "spin_rate": 6.0, "off_axis": 0.03}
+DRILL = HandTurns(attitudes=12, laid="hinge", table_axis=LEVEL, spin=40.0, spin_rate=6.0, off_axis=0.03)
 """Forty revolutions in each mounting, one a second, three centimetres off."""
 
 SITUATIONS: dict[str, HandTurns] = {
@@ -68,12 +69,12 @@ SITUATIONS: dict[str, HandTurns] = {
     "turntable, rate wrong by 0.1 %": HandTurns(attitudes=12, laid="turntable", table_scale=1e-3),
     "turntable, fog, rate wrong by 0.1 %": HandTurns("fog", attitudes=12, laid="turntable", table_scale=1e-3),
     **{f"hinge, {grade}": HandTurns(grade, attitudes=18, laid="hinge", table_axis=LEVEL) for grade in GRADES},
-    **{f"drill, {grade}": HandTurns(grade, laid="hinge", table_axis=LEVEL, **DRILL) for grade in GRADES},
+    **{f"drill, {grade}": replace(DRILL, grade=grade) for grade in GRADES},
     "hinge, upright": HandTurns(attitudes=18, laid="hinge"),
     "hinge, play of 10 mrad": HandTurns(attitudes=18, laid="hinge", table_axis=LEVEL, table_error=1e-2),
-    "drill, axis steep": HandTurns(laid="hinge", table_axis=(0.3, 0.0, 0.95), **DRILL),
-    "drill, 20 cm off its axis": HandTurns(laid="hinge", table_axis=LEVEL, **{**DRILL, "off_axis": 0.2}),
-    "drill, fast": HandTurns(laid="hinge", table_axis=LEVEL, **{**DRILL, "spin_rate": 25.0}),
+    "drill, axis steep": replace(DRILL, table_axis=(0.3, 0.0, 0.95)),
+    "drill, 20 cm off its axis": replace(DRILL, off_axis=0.2),
+    "drill, fast": replace(DRILL, spin_rate=25.0),
     "navigation grade, creep": HandTurns("ring-laser", creep=1e-4),
     "navigation grade, slip": HandTurns("ring-laser", slip=1e-3),
 }
