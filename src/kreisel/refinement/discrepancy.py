@@ -188,10 +188,10 @@ def _parts_of_degree(own: Terms, amplitude: Array) -> tuple[float, Array]:
         values = own.functions[:, own.function[places]]
         correlation = values.T @ values / len(values)
         square += float(amplitude[places] @ correlation @ amplitude[places])
-        inverse, vectors = np.linalg.eigh(correlation)
-        seen = inverse > _DEPENDENT * inverse[-1]
+        squares, vectors = np.linalg.eigh(correlation)
+        seen = squares > _DEPENDENT * squares[-1]
         root = np.zeros((len(amplitude), int(seen.sum())))
-        root[places] = vectors[:, seen] / np.sqrt(inverse[seen] * seen.sum() * rows.size)
+        root[places] = vectors[:, seen] / np.sqrt(squares[seen] * seen.sum() * rows.size)
         roots.append(root)
     return float(np.sqrt(square)), np.hstack(roots)
 

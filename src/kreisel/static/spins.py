@@ -1,4 +1,4 @@
-"""Turns by many revolutions about one axis: how often gravity went round in the device, whatever its gyros say.
+"""Turns by many revolutions: how often gravity went round in the device, whatever its gyros say.
 
 Gyros that are uncalibrated lose count of revolutions, and standstills alone do not show how many there were. The
 forces do: across an axis that is not upright, gravity goes round once with each revolution.
@@ -17,6 +17,10 @@ from kreisel.static.rest_problem import RestProblem
 
 _FEWEST = 4.0
 """Revolutions from which a turn is counted. Chosen: gyros that err by a tenth do not lose count of fewer."""
+
+_LOST = 16.0
+"""Revolutions about changing axes from which nothing counts a turn; to and fro they cancel. Chosen: gyros that err by
+three per cent may then be half a revolution off."""
 
 _STRAIGHT = 0.98
 """Share of a turn's way that leads along one axis, from which it is about one."""
@@ -42,15 +46,19 @@ def uncounted(problem: RestProblem, start: SensorParameters) -> Indices:
 
 
 def _spins(problem: RestProblem, start: SensorParameters) -> Iterator[tuple[int, Array, float | None]]:
-    """Yield turns of many revolutions about one axis: number, way by the gyros (3,), and the ratio of `_ratio`."""
+    """Yield turns of many revolutions: number, way by the gyros (3,), and the ratio of `_ratio`, if it is about one."""
     imu, rests = problem.imu, problem.rests
     for m, (a, b) in enumerate(zip((rests.last[:-1] - 1).tolist(), rests.first[1:].tolist(), strict=True)):
         rate = (imu.rates[a : b + 1] + start.k_w[0]) @ start.K_omega.T
         h = np.diff(imu.seconds[a : b + 1])[:, None]
         steps = 0.5 * (rate[1:] + rate[:-1]) * h
         way = steps.sum(axis=0)
-        size = float(np.linalg.norm(way))
-        if size < 2.0 * np.pi * _FEWEST or size < _STRAIGHT * float(np.linalg.norm(steps, axis=1).sum()):
+        size, length = float(np.linalg.norm(way)), float(np.linalg.norm(steps, axis=1).sum())
+        if size < _STRAIGHT * length:
+            if float(np.linalg.norm(np.cumsum(steps, axis=0), axis=1).max()) > 2.0 * np.pi * _LOST:
+                yield m, way, None
+            continue
+        if size < 2.0 * np.pi * _FEWEST:
             continue
         force = (imu.accelerations[a : b + 1] + start.k_a[0]) @ start.K_a.T
         between = 0.5 * (force[1:] + force[:-1])

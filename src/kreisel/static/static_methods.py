@@ -84,8 +84,8 @@ class Chosen:
 
 
 _UNCOUNTED = (
-    "turns of many revolutions about an axis that is nearly upright, which nothing counts and which are not used: "
-    "{count}; tilt the axis by six degrees or more"
+    "turns of many revolutions that nothing counts, and that are not used: {count}; turn about one axis at a time, six "
+    "degrees or more from upright"
 )
 """What is said of turns that are left out for this."""
 

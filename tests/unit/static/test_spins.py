@@ -1,9 +1,18 @@
 """Revolutions counted by gravity: ratios that are put in, whatever the rates and the forces toward the axis."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from kreisel.static.spins import _ratio, leading
+from kreisel.geometry.rotation import apply, conjugate, exp, multiply
+from kreisel.preparation.gravity import site_of
+from kreisel.recording.recording import ImuSamples
+from kreisel.recording.recording_settings import SiteTable
+from kreisel.static.first_values import first_values
+from kreisel.static.rest_problem import RestProblem, raw_of
+from kreisel.static.rest_search import find_rests
+from kreisel.static.spins import _ratio, leading, uncounted
 
 G = 9.81
 
@@ -44,3 +53,36 @@ def test_ways_lead_where_they_are_meant_to_and_others_stay():
     way = np.array([[100.0, 0.0, 0.0], [200.0, 0.0, 0.0]])
     M = leading(way, 1.03 * way)
     np.testing.assert_allclose(M, np.diag([1.03, 1.0, 1.0]), atol=1e-5)
+
+
+def test_long_turns_about_changing_axes_are_counted_by_nothing(tumbling):
+    """Twenty revolutions about one axis and then as many about another, between two standstills; and two of each."""
+    for revolutions, lost in ((20.0, [2]), (2.0, [])):
+        problem = tumbling(revolutions)
+        assert uncounted(problem, first_values(problem).sensors).tolist() == lost
+
+
+@pytest.fixture(scope="module")
+def tumbling():
+    def problem(revolutions):
+        rate, angle = 100.0, 2.0 * np.pi * revolutions
+        turns = [np.array([[0.0, 2.0, 0.5]]), np.array([[1.5, 0.0, -1.0]]), angle * np.eye(3)[:2],
+                 np.array([[0.0, -1.2, 0.7]]), np.array([[2.0, 0.4, 0.0]]), np.array([[-0.7, 0.9, 0.3]])]  # fmt: skip
+        q, omega = [np.array([1.0, 0.0, 0.0, 0.0])], [np.zeros((300, 3))]
+        attitudes = [np.tile(q[0], (300, 1))]
+        for parts in turns:
+            for part in parts:
+                n = max(100, int(rate * np.linalg.norm(part) / 6.0))
+                share = np.arange(1, n + 1) / n
+                attitudes.append(multiply(q[-1], exp(part * share[:, None])))
+                omega.append(np.tile(part * rate / n, (n, 1)))
+                q.append(attitudes[-1][-1])
+            attitudes.append(np.tile(q[-1], (300, 1)))
+            omega.append(np.zeros((300, 3)))
+        C, w = np.concatenate(attitudes), np.concatenate(omega)
+        noise = np.random.default_rng(2).normal(0.0, 1e-3, (len(w), 3))
+        forces = apply(conjugate(C), np.broadcast_to([0.0, 0.0, -G], w.shape)) + 10.0 * noise
+        imu = ImuSamples(np.arange(len(w)) * 10_000_000, w + noise, forces, Path("imu0"))
+        return RestProblem(imu, raw_of(imu), find_rests(imu), site_of(SiteTable())[0])
+
+    return problem
