@@ -72,7 +72,7 @@ def completed(*words: str) -> list[str]:
         (("study", "robustness", "--only"), dict.fromkeys(one.name for one in situations())),
         (
             ("info", "r", "--map"),
-            [f"{table}.{name}=" for table, one in ColumnsTable() for name in type(one).model_fields],
+            [f"{table}.{name}=" for table, one in ColumnsTable() if table != "imus" for name in type(one).model_fields],
         ),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) and len(value) < 6 else "",
