@@ -94,9 +94,12 @@ def calibrate_tray(
     check_settings(settings)
     tray = _together(_Kept(read), names, progress, executor)
     run = partial(run_calibration, progress=progress, executor=executor, validate=validate, budget=True)
-    mean = run(tray.mean_recording(), settings)
     turned: dict[str, Turn] = {}
     odd: dict[str, float] = {}
+    try:
+        mean = run(tray.mean_recording(), settings)
+    except KreiselError as error:
+        mean = _without_farthest(tray, odd, partial(run, settings=settings), error)
     unlike: set[str] = set()
     while True:
         found = _fitted(tray, mean, progress, executor)
@@ -121,6 +124,30 @@ def calibrate_tray(
         mean = run(tray.mean_recording(), settings)
     odd = {name: found.misfits.get(name, own) for name, own in odd.items()}
     return _outcome(tray, mean, found, turned, odd, settings.fixed, executor)
+
+
+def _without_farthest(
+    tray: _Tray, odd: dict[str, float], run: Callable[[Recording], Outcome], error: KreiselError
+) -> Outcome:
+    """Return the calibration of the mean without the unit that is farthest from it, where that with it cannot be used.
+
+    The unit is added to those that are odd.
+
+    Raises
+    ------
+    KreiselError
+        That with the unit, if it cannot be used without it, either.
+    """
+    out = tray.farthest()
+    if out is None:
+        raise error
+    tray.take_out(out)
+    try:
+        mean = run(tray.mean_recording())
+    except KreiselError:
+        raise error from None
+    odd[out] = np.inf
+    return mean
 
 
 def _together(read: _Kept, names: Sequence[str], progress: Progress | None, executor: Executor) -> _Tray:
@@ -266,6 +293,24 @@ class _Tray:
         """Take a unit out of the mean."""
         self._mean.add(self.units[name], self.readings(name), -1.0)
         self.in_mean.discard(name)
+
+    def farthest(self) -> str | None:
+        """Return the unit whose rates, brought to the mean's axes, differ most from it over their noise; None of two.
+
+        Rates are the same wherever a unit stands on the tray, and clocks are found by them.
+        """
+        names = sorted(self.in_mean)
+        if len(names) < MIN_UNITS:
+            return None
+        mean = self.mean_recording().imu
+        at = np.searchsorted(self.base.imu.stamps_ns, mean.stamps_ns)
+
+        def distance(name: str) -> float:
+            unit = self.units[name]
+            rates, _ = unit.brought(self.readings(name))
+            return float(np.sqrt(np.mean((rates[at] - mean.rates) ** 2)) / unit.noise[0])
+
+        return max(names, key=distance)
 
     def mean_recording(self) -> Recording:
         """Return the recording of the mean."""

@@ -145,3 +145,18 @@ def test_a_unit_with_an_axis_that_stays_is_left_out():
     assert [unit.name for unit in outcome.units] == [name for name in NAMES if name != FAULTY]
     assert all(unit.calibration.accepted for unit in outcome.units)
     assert "stuck or dead channel" in dict(outcome.left_out)[FAULTY]
+
+
+@pytest.mark.slow
+def test_a_unit_with_which_the_tray_cannot_be_used_is_named():
+    """A tenth of what a range of half the rates would clip: with it the clocks of the mean seem to run unevenly."""
+
+    def clipped(imu):
+        limit = 0.5 * float(np.abs(imu.rates).max())
+        return replace(imu, rates=0.9 * imu.rates + 0.1 * np.clip(imu.rates, -limit, limit))
+
+    units, worst = calibrated(clipped)
+    assert [name for name, unit in units.items() if not unit.calibration.accepted] == [FAULTY]
+    assert "differ from the motion of the other units" in units[FAULTY].calibration.verdict.reasons[-1]
+    assert not units[FAULTY].share.any()
+    assert max(worst[name] for name in NAMES if name != FAULTY) < 4.0
