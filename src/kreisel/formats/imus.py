@@ -36,10 +36,8 @@ def imus_in(path: Path, imu: str | None = None) -> tuple[str, ...]:
         raise SettingsError(f"--imu {imu}: expected '{ALL}'; leave it out for the units of one recording")
     if not path.exists():
         raise RecordingError("no such file or folder; give a folder, an .mcap file or a bag", file=path)
-    from kreisel.formats.mapped import imus_of  # here: most recordings need no tables of another shape
-
     form = format_of(path)
-    names = imus_of(path) or (() if form is None else form.units(path, imu == ALL))
+    names = _mapped(path) or (() if form is None else form.units(path, imu == ALL))
     if imu == ALL and len(names) < 2:
         count = "one IMU" if names else "no IMU"
         raise RecordingError(f"holds {count}, expected several; leave out --imu {ALL}", file=path)
@@ -57,11 +55,18 @@ def imu_reader(path: Path) -> ReadImu:
     RecordingError
         If there is no recording.
     """
-    from kreisel.formats.mapped import imus_of, reader_of_imus
+    if _mapped(path):
+        from kreisel.formats.mapped import reader_of_imus
 
-    if imus_of(path):
         return reader_of_imus(path)
     form = format_of(path)
     if form is None:
         raise RecordingError("is no recording with IMUs; give a folder, an .mcap file or a bag", file=path)
     return form.unit_reader(path)
+
+
+def _mapped(path: Path) -> tuple[str, ...]:
+    """Return the names of the IMUs that [columns] names; none for a file that needs no mapping, whatever is beside."""
+    from kreisel.formats.mapped import imus_of  # here: most recordings need no tables of another shape
+
+    return imus_of(path) if path.is_dir() or format_of(path) is None else ()

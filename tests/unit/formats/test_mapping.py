@@ -14,6 +14,7 @@ from kreisel.formats.mapping import merged, parse_terms, parse_time
 from kreisel.formats.proposal import proposal
 from kreisel.formats.rotation_forms import quaternions_of
 from kreisel.formats.sheet import read_sheet
+from kreisel.formats.write import write
 from kreisel.recording.recording import Recording
 
 from ...foreign_tables import PLAIN, SHAPES, Shape, imu_text, plain
@@ -409,3 +410,12 @@ def test_one_further_imu_alone_is_the_imu(tmp_path: Path) -> None:
     (tmp_path / "recording.toml").write_text(SEVERAL[:begin] + SEVERAL[end:])
     assert imus_in(tmp_path) == ("imu12",)
     np.testing.assert_allclose(load(tmp_path).imu.rates, 3.0 * want.imu.rates, rtol=1e-12, atol=1e-15)
+
+
+def test_a_bag_beside_tables_of_several_imus_is_a_bag(tmp_path: Path) -> None:
+    want = several_imus(tmp_path)
+    write(want, tmp_path / "run.mcap")
+    assert imus_in(tmp_path / "run.mcap") == ("imu0",)
+    samples, _ = imu_reader(tmp_path / "run.mcap")("imu0")
+    np.testing.assert_allclose(samples.rates, want.imu.rates, atol=1e-12)
+    assert len(imus_in(tmp_path / "board.csv")) == 3
