@@ -99,7 +99,8 @@ def calibrate_tray(
     try:
         mean = run(tray.mean_recording(), settings)
     except KreiselError as error:
-        mean = _without_farthest(tray, odd, partial(run, settings=settings), error)
+        farthest, mean = _without_farthest(tray, partial(run, settings=settings), error)
+        odd[farthest] = np.inf
     unlike: set[str] = set()
     while True:
         found = _fitted(tray, mean, progress, executor)
@@ -126,12 +127,8 @@ def calibrate_tray(
     return _outcome(tray, mean, found, turned, odd, settings.fixed, executor)
 
 
-def _without_farthest(
-    tray: _Tray, odd: dict[str, float], run: Callable[[Recording], Outcome], error: KreiselError
-) -> Outcome:
-    """Return the calibration of the mean without the unit that is farthest from it, where that with it cannot be used.
-
-    The unit is added to those that are odd.
+def _without_farthest(tray: _Tray, run: Callable[[Recording], Outcome], error: KreiselError) -> tuple[str, Outcome]:
+    """Return the unit farthest from the mean, and the mean's calibration without it; that with it cannot be used.
 
     Raises
     ------
@@ -143,11 +140,9 @@ def _without_farthest(
         raise error
     tray.take_out(out)
     try:
-        mean = run(tray.mean_recording())
+        return out, run(tray.mean_recording())
     except KreiselError:
         raise error from None
-    odd[out] = np.inf
-    return mean
 
 
 def _together(read: _Kept, names: Sequence[str], progress: Progress | None, executor: Executor) -> _Tray:

@@ -47,11 +47,9 @@ def uncounted(problem: RestProblem, start: SensorParameters) -> Indices:
 
 def _spins(problem: RestProblem, start: SensorParameters) -> Iterator[tuple[int, Array, float | None]]:
     """Yield turns of many revolutions: number, way by the gyros (3,), and the ratio of `_ratio`, if it is about one."""
-    imu, rests = problem.imu, problem.rests
+    imu, rests, whole = problem.imu, problem.rests, steps_of(problem, start)
     for m, (a, b) in enumerate(zip((rests.last[:-1] - 1).tolist(), rests.first[1:].tolist(), strict=True)):
-        rate = (imu.rates[a : b + 1] + start.k_w[0]) @ start.K_omega.T
-        h = np.diff(imu.seconds[a : b + 1])[:, None]
-        steps = 0.5 * (rate[1:] + rate[:-1]) * h
+        steps = whole[a:b]
         way = steps.sum(axis=0)
         size, length = float(np.linalg.norm(way)), float(np.linalg.norm(steps, axis=1).sum())
         if size < _STRAIGHT * length:
@@ -63,6 +61,12 @@ def _spins(problem: RestProblem, start: SensorParameters) -> Iterator[tuple[int,
         force = (imu.accelerations[a : b + 1] + start.k_a[0]) @ start.K_a.T
         between = 0.5 * (force[1:] + force[:-1])
         yield m, way, _ratio(steps @ way / size, between, way / size, problem.site.gravity)
+
+
+def steps_of(problem: RestProblem, sensors: SensorParameters) -> Array:
+    """Return the integral of the rates from sample to sample, (n - 1, 3), rad."""
+    rate = (problem.imu.rates + sensors.k_w[0]) @ sensors.K_omega.T
+    return np.asarray(0.5 * (rate[1:] + rate[:-1]) * np.diff(problem.imu.seconds)[:, None])
 
 
 def leading(way: Array, meant: Array) -> Array:

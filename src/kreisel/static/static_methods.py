@@ -15,7 +15,7 @@ from kreisel.static.first_values import MIN_ATTITUDES, first_values
 from kreisel.static.known_attitudes import Faces, HingeTurns, TableTurns, WholeTurns
 from kreisel.static.rest_equations import attitudes_by
 from kreisel.static.rest_problem import RestProblem
-from kreisel.static.spins import leading, uncounted
+from kreisel.static.spins import leading, steps_of, uncounted
 from kreisel.static.turns import turns_between
 
 METHODS = ("multi-position", "six-position", "ferraris", "turntable", "hinge")
@@ -193,19 +193,7 @@ def _whole_turns(problem: RestProblem, start: CellParameters, faces: Faces) -> W
 
 def _sums(problem: RestProblem, start: CellParameters) -> Array:
     """Return the integral of the rates between standstills by first values, (M - 1, 3), rad."""
-    return _between(problem, _steps(problem, start))
-
-
-def _lengths(problem: RestProblem, start: CellParameters) -> Array:
-    """Return how long the way of the axes is between standstills by first values, (M - 1,), rad."""
-    return _between(problem, np.linalg.norm(_steps(problem, start), axis=1, keepdims=True))[:, 0]
-
-
-def _steps(problem: RestProblem, start: CellParameters) -> Array:
-    """Return the integral of the rates from sample to sample by first values, (n - 1, 3), rad."""
-    imu, sensors = problem.imu, start.sensors
-    rate = (imu.rates + sensors.k_w[0]) @ sensors.K_omega.T
-    return np.asarray(0.5 * (rate[1:] + rate[:-1]) * np.diff(imu.seconds)[:, None])
+    return _between(problem, steps_of(problem, start.sensors))
 
 
 def _between(problem: RestProblem, steps: Array) -> Array:
@@ -304,7 +292,9 @@ def _with_turns(start: CellParameters, way: Array, turns: TableTurns, C: Array) 
 
 def _on_hinge(problem: RestProblem, start: CellParameters, stated: str | None) -> Chosen:
     """Return the method with turns about one axis in each mounting, or without that where there are too few."""
-    way, length = _sums(problem, start), _lengths(problem, start)
+    steps = steps_of(problem, start.sensors)
+    way = _between(problem, steps)
+    length = _between(problem, np.linalg.norm(steps, axis=1, keepdims=True))[:, 0]
     size = np.linalg.norm(way, axis=1)
     turned = size > _LEAST_TURN
     straight = turned & (size > _STRAIGHT * length)
