@@ -16,7 +16,7 @@ from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit, Linearised
 from kreisel.fitting.terms import Linearisation, Terms
-from kreisel.geometry.rotation import Array, Indices
+from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.model.problem import Problem
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.discrepancy_evidence import Weighed, undecided, weigh, worth_weighing
@@ -141,7 +141,7 @@ def find_discrepancy(
         found,
         columns,
         undecided(whole.change, weighed),
-        _remainder(every.some(own), family, weight, whole.change, weighed),
+        _remainder(every.some(own), family, 1.0 / weight, terms.ends[own], whole.change, weighed),
         _ATTRIBUTED * _by_family(family, whole.change, weighed),
     )
 
@@ -152,27 +152,34 @@ def _by_family(family: Indices, change: Array, weighed: Weighed) -> Array:
     return np.stack([change[:, i] @ weighed.amplitude[i] for i in own], axis=1) if own else change[:, :0]
 
 
-def _remainder(own: Terms, family: Indices, weight: Array, change: Array, weighed: Weighed) -> Array:
+def _remainder(own: Terms, family: Indices, degree: Array, ends: Mask, change: Array, weighed: Weighed) -> Array:
     """Return columns (n, k) of what series of functions that end too early leave in the parameters.
 
-    The next degree is any function in the span of the last degree's. Its rms falls from that of the last as the last's
-    from the one before, or as is expected of it, if that is less. It does what the last would if all others were
-    estimated without it.
+    Where a series ends, two degrees more are taken into account. The rms falls from degree to degree as from the one
+    before the last to the last, or as is expected of it, if that is less. The first of them is any function in the span
+    of the one before the last, which is even or odd as it is, the second one in the span of the last; either does what
+    these would if all others were estimated without it. Powers of single quantities and products of several may end at
+    different degrees.
     """
     columns = [np.zeros((len(change), 0))]
     found = np.flatnonzero(np.isin(family, weighed.families))
+
+    def effect(places: Indices) -> tuple[float, Array]:
+        size, roots = _parts_of_degree(own.some(places), weighed.amplitude[places])
+        others = np.setdiff1d(found, places)
+        P, shared = (weighed.covariance[np.ix_(places, to)] for to in (places, others))
+        return size, (change[:, places] + change[:, others] @ np.linalg.solve(P, shared).T) @ roots
+
     for f in weighed.families:
         places = np.flatnonzero(family == f)
-        degree = 1.0 / weight[places]
-        last, falls = places[degree == degree.max()], degree.max() / (degree.max() + 1.0)
-        size, roots = _parts_of_degree(own.some(last), weighed.amplitude[last])
-        if last.size < places.size:
-            before = places[degree == degree[degree < degree.max()].max()]
-            larger = _parts_of_degree(own.some(before), weighed.amplitude[before])[0]
-            falls = min(size / max(larger, 1e-300), falls)
-        others = np.setdiff1d(found, last)
-        by_last = np.linalg.solve(weighed.covariance[np.ix_(last, last)], weighed.covariance[np.ix_(last, others)]).T
-        columns.append(falls * size * (change[:, last] + change[:, others] @ by_last) @ roots)
+        for end in np.unique(degree[places[ends[places]]]):
+            falls, lower = end / (end + 1.0), degree[places][degree[places] < end]
+            size, of_last = effect(places[ends[places] & (degree[places] == end)])
+            alike = of_last
+            if lower.size:
+                larger, alike = effect(places[degree[places] == lower.max()])
+                falls = min(size / max(larger, 1e-300), falls)
+            columns += [falls * size * alike, falls**2 * size * of_last]
     joined = np.hstack(columns)
     return _root(joined @ joined.T)
 

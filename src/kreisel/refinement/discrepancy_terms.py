@@ -19,7 +19,7 @@ import numpy as np
 
 from kreisel._kernels.recursions import gauss_markov
 from kreisel.fitting.terms import ACCEL_ROWS, GYRO_ROWS, POSE_ROWS, Terms
-from kreisel.geometry.rotation import Array, Indices, conjugate, exp, log, matrix, multiply
+from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, exp, log, matrix, multiply
 from kreisel.inertial.sensor_model import linear_columns
 from kreisel.model.problem import Problem, with_readings
 from kreisel.model.schedule import Schedule
@@ -102,6 +102,30 @@ class FoundFamily:
 
 
 @dataclass(frozen=True)
+class _Basis:
+    """Functions of some quantities.
+
+    Attributes
+    ----------
+    of
+        From indices of samples to values (n, k).
+    degree : (k,)
+        Their degrees, which say how large they may be.
+    last : (k,)
+        Those that the next degree of their kind would follow, if series had no end; the highest degree if None.
+    """
+
+    of: Callable[[Indices], Array]
+    degree: Array
+    last: Mask | None = None
+
+    @property
+    def ends(self) -> Mask:
+        """See `last`."""
+        return self.degree == self.degree.max() if self.last is None else self.last
+
+
+@dataclass(frozen=True)
 class _Functions:
     """Functions of some quantities, without what the usual model has.
 
@@ -113,8 +137,12 @@ class _Functions:
         From indices of samples to what the usual model has (n, j).
     share : (j, k)
         How much of each is in the functions.
-    scale, degree : (k,)
-        Rms of the functions, and their degrees, which say how large they may be.
+    scale : (k,)
+        Rms of the functions.
+    degree, ends : (k,)
+        As of their basis.
+    kept : (k,)
+        Their places in the basis.
     """
 
     raw: Callable[[Indices], Array]
@@ -122,6 +150,7 @@ class _Functions:
     share: Array
     scale: Array
     degree: Array
+    ends: Mask
     kept: Indices
 
     def __call__(self, which: Indices) -> Array:
@@ -156,13 +185,13 @@ class _Usual:
     def _inverse(self) -> Array:
         return np.asarray(np.linalg.pinv(self._columns, rcond=1e-9))
 
-    def without(self, raw: Callable[[Indices], Array], degree: Array, values: Array | None = None) -> _Functions:
-        """Return functions without what the usual model has; values: of `raw` at `_some` samples, if they are known."""
-        values = raw(_some(self.count)) if values is None else values
+    def without(self, basis: _Basis, values: Array | None = None) -> _Functions:
+        """Return functions without what the usual model has; values: theirs at `_some` samples, if they are known."""
+        values = basis.of(_some(self.count)) if values is None else values
         share = self._inverse @ values
         rms = np.sqrt(np.mean((values - self._columns @ share) ** 2, axis=0))
         kept = np.flatnonzero(rms > _LEAST * np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
-        return _Functions(raw, self.of, share, rms[kept], degree[kept], kept)
+        return _Functions(basis.of, self.of, share, rms[kept], basis.degree[kept], basis.ends[kept], kept)
 
 
 def _some(count: int) -> Indices:
@@ -176,10 +205,8 @@ def _blocks(count: int) -> Iterator[Indices]:
         yield np.arange(begin, min(begin + _TOGETHER, count))
 
 
-def _polynomials(
-    of: Callable[[Indices], Array], count: int, degree: int, alone: int = 0
-) -> tuple[Callable[[Indices], Array], Array]:
-    """Return products of quantities (n, k) up to a degree, and powers of each up to another; and their degrees.
+def _polynomials(of: Callable[[Indices], Array], count: int, degree: int, alone: int = 0) -> _Basis:
+    """Return products of quantities (n, k) up to a degree, and powers of each up to another.
 
     of: from indices of `count` samples to the quantities.
     """
@@ -197,17 +224,20 @@ def _polynomials(
             np.multiply(z[c[-1]], 1.0 if before is None else out[before], out=row)
         return out.T
 
-    return values, np.array([len(c) for c in chosen], dtype=float)
+    degrees = np.array([len(c) for c in chosen])
+    powers = np.array([len(set(c)) == 1 for c in chosen])
+    return _Basis(values, degrees.astype(float), degrees == np.where(powers, max(degree, alone), degree))
 
 
-def _changes(first: Array, second: Array) -> tuple[Callable[[Indices], Array], Array]:
+def _changes(first: Array, second: Array) -> _Basis:
     """Return products of two of the first derivatives (n, 3) of readings, and both derivatives as they are.
 
     Delays and smoothings of other axes than the readings' own are proportional to these.
     """
-    products, degree = _polynomials(first.__getitem__, len(first), 2)
+    products = _polynomials(first.__getitem__, len(first), 2)
     linear = np.hstack([_unit(first), _unit(second)])
-    return lambda which: np.hstack([linear[which], products(which)]), np.concatenate([np.ones(linear.shape[1]), degree])
+    degree = np.concatenate([np.ones(linear.shape[1]), products.degree])
+    return _Basis(lambda which: np.hstack([linear[which], products.of(which)]), degree)
 
 
 def _unit(values: Array) -> Array:
@@ -215,22 +245,21 @@ def _unit(values: Array) -> Array:
     return np.asarray(values / np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
 
 
-def _waves(t: Array) -> tuple[Callable[[Indices], Array], Array]:
+def _waves(t: Array) -> _Basis:
     """Return half waves over times t (n,), and their orders as degrees."""
     z, orders = np.pi * (t - t[0]) / max(float(t[-1] - t[0]), 1e-9), np.arange(1, WAVES + 1)
-    return lambda which: np.cos(z[which, None] * orders), np.maximum(orders / 2.0, 1.0)
+    return _Basis(lambda which: np.cos(z[which, None] * orders), np.maximum(orders / 2.0, 1.0))
 
 
-def _scales(own: Array, t: Array) -> tuple[Callable[[Indices], Array], Array]:
-    """Return own readings (n, 3) times slow half waves over times t (n,), axis by axis, and their degrees."""
-    waves, degree = _waves(t)
-    slow = slice(0, _SLOW)
+def _scales(own: Array, t: Array) -> _Basis:
+    """Return own readings (n, 3) times slow half waves over times t (n,), axis by axis."""
+    waves, slow = _waves(t), slice(0, _SLOW)
 
     def values(which: Indices) -> Array:
-        products = own[which, :, None] * waves(which)[:, None, slow]
+        products = own[which, :, None] * waves.of(which)[:, None, slow]
         return np.asarray(products.reshape(which.size, -1))
 
-    return values, np.tile(degree[slow], own.shape[1])
+    return _Basis(values, np.tile(waves.degree[slow], own.shape[1]))
 
 
 def _remembered(values: Array) -> Array:
@@ -265,8 +294,17 @@ class DiscrepancyTerms:
     @cached_property
     def weight(self) -> Array:
         """How large an amplitude is expected to be beside others of its family, (m,): less for higher degrees."""
+        return self._each(lambda functions: 1.0 / functions.degree)
+
+    @cached_property
+    def ends(self) -> Mask:
+        """Whether a term's series ends with it, (m,): the next degree would be another function."""
+        return self._each(lambda functions: functions.ends)
+
+    def _each(self, of: Callable[[_Functions], Array]) -> Array:
+        """Return what every term has from its function, (m,)."""
         return np.concatenate([
-            np.tile(1.0 / f.degree, self._size(i) // f.degree.size) for i, f in enumerate(self._functions)
+            np.tile(of(f), self._size(i) // f.degree.size) for i, f in enumerate(self._functions)
         ])  # fmt: skip
 
     def terms(self, schedule: Schedule) -> Terms:
@@ -348,16 +386,16 @@ class DiscrepancyTerms:
         if readings.temperature_difference is not None:
             difference = grid.average(readings.temperature_difference[:, None])
             quantities["temperature"] = _polynomials(difference.__getitem__, t.size, 3)
-        values = {name: raw(_some(t.size)) for name, (raw, _) in quantities.items()}
+        values = {name: basis.of(_some(t.size)) for name, basis in quantities.items()}
         for owner, (group, rows, names) in _SENSORS.items():
             if group not in problem.layout:
                 continue
             axes = problem.layout.present(group)
             own = _scales((rates if owner == "gyroscope" else forces)[:, axes], t)
             own_rows = tuple(rows[axis] for axis in axes)
-            for name, (raw, degree) in {**{n: quantities[n] for n in names if n in quantities}, _SCALE: own}.items():
-                functions = known[owner].without(raw, degree, None if name == _SCALE else values[name])
-                if name != _SCALE or functions.kept.size == degree.size:
+            for name, basis in {**{n: quantities[n] for n in names if n in quantities}, _SCALE: own}.items():
+                functions = known[owner].without(basis, values.get(name))
+                if name != _SCALE or functions.kept.size == basis.degree.size:
                     self._add(Family(owner, name, own_rows), functions)
 
     def _poses(self, problem: Problem) -> None:
@@ -382,15 +420,15 @@ class DiscrepancyTerms:
             quantities["joints"] = _of_angles(robot.angles)
         rows = {"position": tuple(POSE_ROWS)[:3], "orientation": tuple(POSE_ROWS)[3:]}
         present = {"position": p is not None, "orientation": q is not None}
-        for name, (raw, degree) in quantities.items():
-            functions = known.without(raw, degree)
+        for name, basis in quantities.items():
+            functions = known.without(basis)
             for what in (w for w in rows if present[w]):
                 self._add(Family("reference", f"{what}_by_{name}", rows[what]), functions)
         late, constant = POSE_ROWS.stop, _Usual(lambda which: np.ones((which.size, 1)), tau.size)
-        waves = constant.without(*_waves(tau))
+        waves = constant.without(_waves(tau))
         self._add(Family("reference", "stamps_by_time", (late,)), waves)
         if robot is not None:
-            own = constant.without(*_of_own_angle(robot.angles))
+            own = constant.without(_of_own_angle(robot.angles))
             each = own.degree.size // robot.joints
             if own.kept.size == each * robot.joints:
                 self._add(Family("robot", _OWN_ANGLE, tuple(range(late + 1, late + 1 + robot.joints))), own)
@@ -540,13 +578,13 @@ def _motion(reference: ReferencePoses, which: Indices) -> Array:
     return out
 
 
-def _of_angles(angles: Array) -> tuple[Callable[[Indices], Array], Array]:
-    """Return sines and cosines of all joint angles (n, j), and their degrees."""
-    return lambda which: np.hstack([np.sin(angles[which]), np.cos(angles[which])]), np.ones(2 * angles.shape[1])
+def _of_angles(angles: Array) -> _Basis:
+    """Return sines and cosines of all joint angles (n, j)."""
+    return _Basis(lambda which: np.hstack([np.sin(angles[which]), np.cos(angles[which])]), np.ones(2 * angles.shape[1]))
 
 
-def _of_own_angle(angles: Array) -> tuple[Callable[[Indices], Array], Array]:
-    """Return functions of each joint's own angle and sense of rotation, joint after joint, and their degrees."""
+def _of_own_angle(angles: Array) -> _Basis:
+    """Return functions of each joint's own angle and sense of rotation, joint after joint."""
     speed = np.gradient(angles, axis=0)
     spread = np.maximum(speed.std(axis=0), 1e-300)
 
@@ -555,4 +593,4 @@ def _of_own_angle(angles: Array) -> tuple[Callable[[Indices], Array], Array]:
         own = np.stack([np.sin(2.0 * q), np.cos(2.0 * q), np.sin(3.0 * q), np.cos(3.0 * q), sense], axis=2)
         return own.reshape(len(own), -1)
 
-    return values, np.tile([1.0, 1.0, 1.5, 1.5, 1.0], angles.shape[1])
+    return _Basis(values, np.tile([1.0, 1.0, 1.5, 1.5, 1.0], angles.shape[1]))

@@ -4,6 +4,7 @@ A function is a sum of random waves over one or several quantities, each in unit
 features of a smooth Gaussian process, Rahimi and Recht 2007). Everything is taken out of it that the usual model has,
 so that the parameters have one true value: over the recording a sensor's function is orthogonal to a constant, to
 rates, their products and derivatives, and to accelerations, a reference's to what another tool point or frame would do.
+What depends on time is a drift beside these, which keeps its chance correlation with the motion, as a real one does.
 Sizes are spread evenly in their logarithm, up to what data sheets of the grade, and of arms and cameras, state.
 """
 
@@ -35,6 +36,15 @@ _ORIENTATION = {"robot": 1e-3, "mocap": 3e-3}
 
 _JOINT = 3e-4
 """rad; largest rms of a joint's transmission error (harmonic and cycloidal gears: one to a few arc minutes peak)."""
+
+_SLOW = 16
+"""Half waves of a drift over the recording; a wave of a function has seven at most, three deviations from its mean."""
+
+_SLOW = 16
+"""Half waves of a drift over a recording: more than the seven of the fastest wave (three deviations from the mean)."""
+
+_DEPENDENT = 1e-6
+"""Share of the largest singular value below which columns are sums of others."""
 
 _HARMONICS = 60
 """Highest order of a gear's error in its joint's angle."""
@@ -92,16 +102,16 @@ class RandomPhysics:
         if not self.gyro and not self.accel and not np.any(shaped):
             return np.zeros_like(rates), np.zeros_like(accelerations)
         # what offsets, matrices, sensitivity to acceleration and lever arms can imitate
-        linear = _orthogonal([linear_columns(rates, accelerations, np.gradient(rates, t, axis=0))])
+        linear = _Usual(linear_columns(rates, accelerations, np.gradient(rates, t, axis=0)), t)
         out = []
         for streams, own, size, shape in (
             (self.gyro, rates, grade.gyro_scale_sd * _rms(rates), shaped[0]),
             (self.accel, accelerations, grade.accel_scale_sd * STANDARD_GRAVITY, shaped[1]),
         ):
-            total = shape - linear @ (linear.T @ shape)
+            total = linear.without(shape)
             for rng in streams:
-                value = _waves(rng, _of_sensor(rng, t, own, rates, accelerations), own.shape[1])
-                value = value - linear @ (linear.T @ value)
+                chosen, drifts = _of_sensor(rng, t, own, rates, accelerations)
+                value = linear.without(_waves(rng, chosen, own.shape[1]), drifts=drifts)
                 total += _sized(rng, value, self.size * size)
             out.append(total)
         return out[0], out[1]
@@ -109,16 +119,17 @@ class RandomPhysics:
     def poses(self, kind: str, t: Array, p: Array, q: Array, angles: Array) -> tuple[Array, Array]:
         """Return reported positions (n, 3) and quaternions (n, 4) with the errors of reference and joints."""
         C = matrix(q)
-        frames = _orthogonal([np.ones((t.size, 1)), C.reshape(-1, 9), p])  # as another tool point, frame or scale would
+        # as another tool point, frame or scale would
+        frames = _Usual(np.hstack([np.ones((t.size, 1)), C.reshape(-1, 9), p]), t)
         shaped = of_poses(self.shapes, self.of_shapes.spawn(1)[0], t, p)
         if np.any(shaped):
-            shaped = shaped - frames @ (frames.T @ shaped)
+            shaped = frames.without(shaped)
             p, q = p + shaped[:, :3], multiply(exp(shaped[:, 3:]), q)
         for rng in self.reference:
             quantities = [p, C[:, :, 0], C[:, :, 2], t[:, None]]
-            chosen = np.hstack([quantities[k] for k in _some(rng, len(quantities))])
-            value = _waves(rng, chosen, 6)
-            value = value - frames @ (frames.T @ value)
+            some = _some(rng, len(quantities))
+            value = _waves(rng, np.hstack([quantities[k] for k in some]), 6)
+            value = frames.without(value, drifts=len(quantities) - 1 in some)
             p = p + _sized(rng, value[:, :3], self.size * _POSITION[kind])
             q = multiply(q, exp(_sized(rng, value[:, 3:], self.size * _ORIENTATION[kind])))
         for rng in self.joints if angles.shape[1] else ():
@@ -137,8 +148,30 @@ class RandomPhysics:
         return out
 
 
-def _of_sensor(rng: np.random.Generator, t: Array, own: Array, rates: Array, accelerations: Array) -> Array:
-    """Return the quantities that a sensor's error depends on, (n, k)."""
+class _Usual:
+    """What the usual model has over a recording, to be taken out of functions."""
+
+    def __init__(self, columns: Array, t: Array) -> None:
+        """Take columns (n, k) of the usual model at times t (n,)."""
+        self._columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        self._t = t
+
+    def without(self, value: Array, *, drifts: bool = False) -> Array:
+        """Return a function (n, j) without the share that the usual model has in it.
+
+        drifts: it depends on time, and the share is that beside a drift. Otherwise an offset that drifts would be
+        one minus what readings are by chance like it, which no device has.
+        """
+        columns = self._columns
+        if drifts:
+            turned = np.pi * (self._t - self._t[0]) / max(float(np.ptp(self._t)), 1e-9)
+            slow = np.linalg.qr(np.cos(turned[:, None] * np.arange(_SLOW + 1)))[0]
+            columns = columns - slow @ (slow.T @ columns)
+        return np.asarray(value - self._columns @ np.linalg.lstsq(columns, value, rcond=_DEPENDENT)[0])
+
+
+def _of_sensor(rng: np.random.Generator, t: Array, own: Array, rates: Array, accelerations: Array) -> tuple[Array, bool]:
+    """Return the quantities that a sensor's error depends on, (n, k), and whether time is among them."""
     memory = np.exp(rng.uniform(*np.log(_LAG)))
     quantities: list[Callable[[], Array]] = [
         lambda: own,
@@ -148,7 +181,8 @@ def _of_sensor(rng: np.random.Generator, t: Array, own: Array, rates: Array, acc
         lambda: _remembered(np.abs(own), t, memory),
         lambda: t[:, None],
     ]
-    return np.hstack([quantities[k]() for k in _some(rng, len(quantities))])
+    chosen = _some(rng, len(quantities))
+    return np.hstack([quantities[k]() for k in chosen]), len(quantities) - 1 in chosen
 
 
 def _some(rng: np.random.Generator, count: int) -> list[int]:
@@ -184,12 +218,6 @@ def _remembered(values: Array, t: Array, time: float) -> Array:
         state = keep * state + (1.0 - keep) * mean
         out[i] = state
     return np.column_stack([np.interp(np.arange(t.size), ends, column) for column in out.T])
-
-
-def _orthogonal(columns: list[Array]) -> Array:
-    """Return an orthonormal basis (n, k) of columns."""
-    A = np.hstack(columns)
-    return np.asarray(np.linalg.qr(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300))[0])
 
 
 def _rms(values: Array) -> float:
