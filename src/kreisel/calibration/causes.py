@@ -143,7 +143,7 @@ def _site(estimate: Estimate, latitude: LatitudeCheck | None) -> list[Cause]:
         text = f"the stated latitude of {latitude.stated_deg:.4g} deg; the gyros show {latitude.found_deg:.1f} deg"
         out.append(Cause("stated latitude", text, 0.5 * latitude.score**2))
     if "gravity" in estimate.problem.layout:
-        score = float(prior_scores(estimate.problem, estimate.run.parameters, estimate.deviation, "gravity").max())
+        score = float(prior_scores(estimate.problem, estimate.run, "gravity", estimate.deviation).max())
         if score > MAX_SCORE:
             name = "stated gravity" if estimate.problem.site.earth_rate_n is None else "stated latitude"
             stated = estimate.problem.site.gravity_sd < UNKNOWN_SD
@@ -164,7 +164,7 @@ def _robot(estimate: Estimate) -> list[Cause]:
     """Return errors of the arm that are far from what is stated."""
     if "robot_placement" not in estimate.problem.layout:
         return []
-    scores = prior_scores(estimate.problem, estimate.run.parameters, estimate.deviation, "robot_placement")
+    scores = prior_scores(estimate.problem, estimate.run, "robot_placement", estimate.deviation)
     score = float(scores.max())
     if score <= MAX_SCORE:
         return []

@@ -256,7 +256,7 @@ def _priors(estimate: Estimate) -> list[Reason]:
             continue
         if group in estimate.walks:
             continue  # not one value
-        far = largest_score(problem, estimate.run.parameters, estimate.deviation, group)
+        far = largest_score(problem, estimate.run, group, estimate.deviation)
         if far > MAX_SCORE:
             verb = "lies" if group == "gravity" else "lie"
             text = (

@@ -408,7 +408,8 @@ def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Pa
     def settle(problem: Problem, near: Fit) -> tuple[Problem, Fit]:
         nonlocal last
         again = _until_settled(with_noise_of(first, problem), last.count, work, near)
-        last = replace(again, survey=passes.survey, walk_gain=passes.walk_gain)
+        again = replace(again, survey=passes.survey, walk_gain=passes.walk_gain)
+        last = _without_contradiction(first, again, work)
         return last.problem, last.run
 
     def least_noise(problem: Problem) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import stored_state
 from kreisel.geometry.rotation import Array
-from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
 
 MAX_SCORE = 4.5
@@ -28,28 +27,30 @@ _MIXED = ("robot_placement",)
 """Groups of which the data show mixtures, but hardly any parameter by itself."""
 
 
-def prior_scores(problem: Problem, parameters: CellParameters, deviation: Array, group: str) -> Array:
+def prior_scores(problem: Problem, run: Fit, group: str, total: Array | None = None) -> Array:
     """Return how far the data alone lie from a group's prior, in standard deviations of the difference, (k,).
 
     The data alone: what the estimate says beyond its prior. Where that is too little to be told from rounding, and for
     `_MIXED` groups, the estimate itself is compared.
 
-    deviation: of the estimate (degrees,).
+    total: standard deviations (degrees,) with what the run does not know of; the run's own if None. Data and prior have
+    the weights that the run gave them.
     """
-    prior = np.diag(problem.prior.covariance[group])
-    own = deviation[problem.layout[group]] ** 2
-    moved = np.abs(problem.stored(parameters, group) - problem.stored(problem.prior.value, group))
+    place = problem.layout[group]
+    prior, own = np.diag(problem.prior.covariance[group]), run.belief.standard_deviation[place] ** 2
+    further = np.zeros_like(own) if total is None else np.maximum(total[place] ** 2 - own, 0.0)
+    moved = np.abs(problem.stored(run.parameters, group) - problem.stored(problem.prior.value, group))
     if group in _MIXED:
         return np.asarray(moved / np.sqrt(prior))
     share = np.maximum(1.0 - own / prior, 1e-12)  # of the information that the data give
-    score = moved / share / np.sqrt(own / share + prior)
-    return np.asarray(np.where(share > _MIN_SHARE, score, moved / np.sqrt(prior)))
+    score = moved / np.sqrt(share * own + further + share**2 * prior)
+    return np.asarray(np.where(share > _MIN_SHARE, score, moved / np.sqrt(prior + further)))
 
 
-def largest_score(problem: Problem, parameters: CellParameters, deviation: Array, group: str) -> float:
+def largest_score(problem: Problem, run: Fit, group: str, total: Array | None = None) -> float:
     """Return the largest score of a group's parameters that have the group's prior, not one of their own."""
     own = problem.known_places[problem.layout[group]]
-    return float(np.max(prior_scores(problem, parameters, deviation, group)[~own], initial=0.0))
+    return float(np.max(prior_scores(problem, run, group, total)[~own], initial=0.0))
 
 
 def prior_penalty(problem: Problem, run: Fit) -> float:
@@ -64,8 +65,7 @@ def prior_penalty(problem: Problem, run: Fit) -> float:
 def contradicted_offsets(problem: Problem, run: Fit) -> dict[str, float]:
     """Return the offsets whose stated prior the data contradict, with their scores."""
     stated = [g for g in OFFSETS if g in problem.layout and g in problem.prior.stated]
-    deviation = run.belief.standard_deviation
-    scores = {g: largest_score(problem, run.parameters, deviation, g) for g in stated}
+    scores = {g: largest_score(problem, run, g) for g in stated}
     return {group: score for group, score in scores.items() if score > MAX_SCORE}
 
 

@@ -170,7 +170,9 @@ class _Usual:
         return np.asarray(value - self._columns @ np.linalg.lstsq(columns, value, rcond=_DEPENDENT)[0])
 
 
-def _of_sensor(rng: np.random.Generator, t: Array, own: Array, rates: Array, accelerations: Array) -> tuple[Array, bool]:
+def _of_sensor(
+    rng: np.random.Generator, t: Array, own: Array, rates: Array, accelerations: Array
+) -> tuple[Array, bool]:
     """Return the quantities that a sensor's error depends on, (n, k), and whether time is among them."""
     memory = np.exp(rng.uniform(*np.log(_LAG)))
     quantities: list[Callable[[], Array]] = [

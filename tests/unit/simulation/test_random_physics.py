@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from kreisel.geometry.rotation import matrix
+from kreisel.simulation import random_physics
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
 from kreisel.study.situations import RANDOM, random_situation
@@ -13,6 +14,11 @@ from kreisel.study.situations import RANDOM, random_situation
 from ...felt import run
 
 SECONDS = 30.0
+
+
+def waves(t):
+    """Return a constant and slow half waves."""
+    return np.cos(np.pi * np.linspace(0.0, 1.0, t.size)[:, None] * np.arange(17))
 
 
 def cell(**tables):
@@ -25,8 +31,9 @@ def plain():
 
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
-def test_a_sensors_function_is_none_of_its_usual_model(sensor, plain):
+def test_a_sensors_function_is_none_of_its_usual_model(sensor, plain, monkeypatch):
     """Gone are a constant, what is linear in readings, and what lever arms do; what is left is not small."""
+    monkeypatch.setattr(random_physics, "_some", lambda rng, count: rng.choice(count - 1, size=2, replace=False))
     changed = cell(unlisted={sensor: 3})
     kind, other = ("rates", "accelerations") if sensor == "gyro" else ("accelerations", "rates")
     np.testing.assert_array_equal(getattr(changed.imu, other), getattr(plain.imu, other))
@@ -38,6 +45,15 @@ def test_a_sensors_function_is_none_of_its_usual_model(sensor, plain):
     rms = np.sqrt(np.mean(added**2))
     assert rms > 1e-6
     assert np.abs(usual @ coefficients).max() < 0.05 * rms  # filters and sampling leave some
+
+
+def test_a_drift_alone_is_no_function_of_the_readings(plain, monkeypatch):
+    monkeypatch.setattr(random_physics, "_some", lambda _rng, count: [count - 1])
+    added = cell(unlisted={"gyro": 1}).imu.rates - plain.imu.rates
+    slow = waves(plain.imu.seconds)
+    left = added - slow @ np.linalg.lstsq(slow, added, rcond=None)[0]
+    assert np.std(left) < 0.02 * np.std(added)
+    assert np.abs(added.mean(axis=0)).max() < 0.01 * np.std(added)
 
 
 def test_a_references_function_moves_no_frame(plain):
