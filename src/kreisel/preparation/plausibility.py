@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.errors import ExcitationError, RecordingError, SynchronizationError
-from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.geometry.rotation import Array
 from kreisel.preparation.acceleration_check import AccelerationFit, fit_accelerations
+from kreisel.preparation.axis_order import LEFT_HANDED_GYROS, disorder, turn_between
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.reference_noise import stamp_resolution
 from kreisel.preparation.turning_axes import turns
@@ -23,9 +24,6 @@ MIN_SENSITIVITY = 0.02
 
 LITTLE_ROTATION = 0.1
 """Rotation about one axis, in that about the others, at which noise may hide the sensitivity of a gyro."""
-
-MAX_TURN = 30.0
-"""Degrees the accelerometers' axes may be turned against the gyros'; beyond it, columns are in the wrong order."""
 
 MIN_AGREEMENT = 0.6
 """Agreement of the predicted accelerations and those of the positions; 0 for unrelated ones."""
@@ -102,8 +100,7 @@ def _check_gyros(preparation: Preparation) -> None:
         )
     if np.linalg.det(fit.K_omega) < 0.0:
         raise RecordingError(
-            "the gyro axes form a left-handed triad (the determinant of their cross-coupling is negative): one axis, "
-            "or all three, have the wrong sign, or two columns are swapped; correct signs and order of the columns",
+            LEFT_HANDED_GYROS,
             file=source,
             line=line,
         )
@@ -146,11 +143,11 @@ def _check_clocks(preparation: Preparation) -> None:
 
 def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> None:
     reference = preparation.reference
-    F = _turn_between(preparation, fit.K_a) if fit.K_a_sd.max() < 0.1 and fit.explained > 0.3 else np.eye(3)
-    in_order = np.linalg.det(F) > 0.0 and _angle(F) < MAX_TURN
+    known = fit.K_a_sd.max() < 0.1 and fit.explained > 0.3
+    wrong = _reversed(turn_between(preparation.rate_fit.K_omega, fit.K_a)) if known else None
     about_a_point = not fit.separable
     agreed = fit.agreement > MIN_AGREEMENT or fit.size < MIN_ACCELERATION or about_a_point
-    if not (in_order and agreed):
+    if wrong is not None or not agreed:
         reading = better_reading(preparation.readings, reference, preparation.rate_fit.clock)
         if reading is not None:
             raise RecordingError(
@@ -158,8 +155,9 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
                 f"{reading}; correct the file; where its columns are mapped, the mapping",
                 file=reference.source,
             )
-    if not in_order:
-        raise _disorder(preparation, F)
+    if wrong is not None:
+        source = preparation.recording.imu.source
+        raise RecordingError(wrong, file=source, line=1 if is_table(source) else None)
     _check_lengths(reference, fit)
     if not agreed:
         raise RecordingError(
@@ -170,45 +168,15 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
         )
 
 
-def _turn_between(preparation: Preparation, K_a: Array) -> Array:
-    """Return the orthogonal matrix, of any handedness, that takes accelerations as read to the gyros' axes."""
-    U, _, V = np.linalg.svd(nearest_rotation(preparation.rate_fit.K_omega).T @ K_a)
-    return np.asarray(U @ V)
-
-
-def _angle(F: Array) -> float:
-    return float(np.degrees(np.arccos(np.clip((np.trace(F) - 1.0) / 2.0, -1.0, 1.0))))
-
-
-def _disorder(preparation: Preparation, F: Array) -> RecordingError:
-    """Return the error for accelerometers whose axes differ from the gyros' by more than a few degrees."""
-    source = preparation.recording.imu.source
-    if np.trace(F) < -2.6:
-        what = (
-            "the accelerometers have the opposite sign of the reference: they give gravity instead of specific force, "
-            "or the reference's frames are left-handed. Change the sign of all three; at standstill the axis that "
-            "points upward must read +9.8"
-        )
-    elif np.linalg.det(F) < 0.0:
-        what = (
-            f"the accelerometers form a left-handed triad against the gyros ({_order(F)}); correct signs and order "
-            "of their columns"
-        )
-    else:
-        what = (
-            f"the accelerometers' axes are rotated by {_angle(F):.0f} deg against the gyros' ({_order(F)}); write the "
-            "columns of both in the same order, with the same signs"
-        )
-    return RecordingError(what, file=source, line=1 if is_table(source) else None)
-
-
-def _order(F: Array) -> str:
-    """Return as text which reading lies along which of the gyros' axes."""
-    names = []
-    for row, axis in zip(F, "xyz", strict=True):
-        j = int(np.argmax(np.abs(row)))
-        names.append(f"{'-' if row[j] < 0.0 else ''}a_{'xyz'[j]} lies along w_{axis}")
-    return ", ".join(names)
+def _reversed(F: Array) -> str | None:
+    """Return what is wrong where all accelerometers have the opposite sign, otherwise what `disorder` says."""
+    if np.trace(F) > -2.6:
+        return disorder(F)
+    return (
+        "the accelerometers have the opposite sign of the reference: they give gravity instead of specific force, "
+        "or the reference's frames are left-handed. Change the sign of all three; at standstill the axis that "
+        "points upward must read +9.8"
+    )
 
 
 def _check_lengths(reference: ReferencePoses, fit: AccelerationFit) -> None:

@@ -89,8 +89,8 @@ class ImuSamples:
     stretch
         Seconds by its own stamps for one of these, less one: not zero where they were put onto the reference's clock.
     broken_ns : (k,)
-        Stamps of samples that were left out because nobody knows what they should have been: the motion must not be
-        bridged there.
+        Stamps of samples of which nobody knows what they should have been: the motion must not be bridged there. Where
+        a reference is, they were left out.
     rows : (n,) or None
         Which rows of the source the samples are, while the streams are checked and some were left out or sorted.
     """

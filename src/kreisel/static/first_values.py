@@ -36,9 +36,11 @@ def first_values(problem: RestProblem) -> CellParameters:
     RecordingError
         If there are too few standstills.
     """
-    if problem.rests.count < MIN_ATTITUDES:
+    rests = problem.rests
+    if rests.count < MIN_ATTITUDES:
+        more = f" (at {rests.clipped} more a reading is at the end of its range)" if rests.clipped else ""
         raise RecordingError(
-            f"{problem.rests.count} standstills, expected {MIN_ATTITUDES} or more in different attitudes, a dozen if "
+            f"{rests.count} standstills{more}, expected {MIN_ATTITUDES} or more in different attitudes, a dozen if "
             "possible", file=problem.imu.source,
         )  # fmt: skip
     K, k = _by_length(problem.rests.forces, problem.site.gravity)

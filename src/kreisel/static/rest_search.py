@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from kreisel.errors import RecordingError
@@ -35,6 +37,11 @@ _NOTHING = 1e-9
 _MOVED = 0.05
 """m/s^2; change of the force within a standstill, from its first half to its second, beyond the noise, with which it is
 none: 5 mrad. Smaller changes count as an error of this standstill."""
+
+_AT_END, _REPEATED, _SELDOM = 0.05, 3.0, 10.0
+"""Share of a standstill's samples at the end of a range from which it is clipped, and factor on the share of the most
+frequent value, of which this percentile over all standstills is taken. Chosen: the mean is then moved by more than a
+fiftieth of the noise."""
 
 MAX_RESTS = 2000
 """Most standstills that are used. Chosen: memory and time stay small; nobody turns a device so often."""
@@ -147,7 +154,27 @@ def _measured(imu: ImuSamples, first: Indices, last: Indices, step: int) -> Rest
         )
     table, (a, b) = np.array(rows), np.array(kept).T
     white = np.sqrt(np.median(np.array(scatters), axis=0) * step * imu.interval)
-    return Rests(
+    found = Rests(
         a, b, 0.5 * (t[a] + t[b - 1]), t[b - 1] - t[a], table[:, :3], table[:, 3:6], table[:, 6],
         np.maximum(white[0], 1e-9), np.maximum(white[1], 1e-8),
     )  # fmt: skip
+    clipped = _clipped(imu, found)
+    return replace(found.part(~clipped), clipped=int(clipped.sum()))
+
+
+def _clipped(imu: ImuSamples, rests: Rests) -> Mask:
+    """Return at which standstills a reading is at the end of its range, (M,).
+
+    It is, if one in twenty samples is the largest or smallest of the recording, and if a value is repeated there far
+    more often than at others: readings with few digits repeat at all standstills.
+    """
+    out = np.zeros(rests.count, dtype=bool)
+    for values in (*imu.rates.T, *imu.accelerations.T):
+        ends = np.array([values.max(), values.min()])
+        parts = [values[a:b] for a, b in zip(rests.first, rests.last, strict=True)]
+        at_end = np.array([(part[:, None] == ends).mean(axis=0).max() for part in parts])
+        if not (at_end > _AT_END).any():
+            continue
+        often = np.array([np.unique(part, return_counts=True)[1].max() / part.size for part in parts])
+        out |= at_end > max(_AT_END, _REPEATED * float(np.percentile(often, _SELDOM)))
+    return out

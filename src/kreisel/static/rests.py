@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,8 @@ class Rests:
         Rms change of the force within a standstill that is not noise, m/s^2.
     density_w, density_a : (3,)
         White noise of gyros and accelerometers at standstill, per root hertz.
+    clipped
+        Number of standstills that are none of these, because a reading was at the end of its range.
     """
 
     first: Indices
@@ -38,6 +40,7 @@ class Rests:
     creep: Array
     density_w: Array
     density_a: Array
+    clipped: int = 0
 
     @property
     def count(self) -> int:
@@ -53,4 +56,4 @@ class Rests:
         """Return some of the standstills."""
         own = ("first", "last", "seconds", "durations", "rates", "forces", "creep")
         kept = {name: getattr(self, name)[keep] for name in own}
-        return Rests(**kept, density_w=self.density_w, density_a=self.density_a)
+        return replace(self, **kept)

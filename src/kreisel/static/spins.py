@@ -25,6 +25,9 @@ three per cent may then be half a revolution off."""
 _STRAIGHT = 0.98
 """Share of a turn's way that leads along one axis, from which it is about one."""
 
+_AT_END = 3
+"""Samples at the end of a gyro's range, from which a turn is cut off: fewer may be the largest rate there was."""
+
 _LEVEL, _EVERY = 0.1, 0.5
 """Gravity across the axis, over all of it, from which it shows revolutions: six degrees from upright; and its mean over
 a revolution, over that of most, which each must reach, or the count is lost there."""
@@ -43,6 +46,15 @@ def with_counted_spins(problem: RestProblem, start: SensorParameters) -> SensorP
 def uncounted(problem: RestProblem, start: SensorParameters) -> Indices:
     """Return the turns of many revolutions that gravity does not count: of these one more or less fits as well."""
     return np.array([m for m, _, ratio in _spins(problem, start) if ratio is None], dtype=np.int64)
+
+
+def cut_off(problem: RestProblem) -> Indices:
+    """Return the turns in which a gyro is at the end of its range: nobody knows how far the device turned."""
+    imu, rests = problem.imu, problem.rests
+    ends = np.stack([imu.rates.max(axis=0), imu.rates.min(axis=0)])
+    at_end = np.isin(imu.stamps_ns, imu.broken_ns) & (imu.rates[:, None] == ends).any(axis=(1, 2))
+    before = np.concatenate([[0], np.cumsum(at_end)])
+    return np.flatnonzero(before[rests.first[1:]] - before[rests.last[:-1]] >= _AT_END)
 
 
 def _spins(problem: RestProblem, start: SensorParameters) -> Iterator[tuple[int, Array, float | None]]:

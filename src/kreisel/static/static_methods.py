@@ -15,7 +15,7 @@ from kreisel.static.first_values import MIN_ATTITUDES, first_values
 from kreisel.static.known_attitudes import Faces, HingeTurns, TableTurns, WholeTurns
 from kreisel.static.rest_equations import attitudes_by
 from kreisel.static.rest_problem import RestProblem
-from kreisel.static.spins import leading, steps_of, uncounted
+from kreisel.static.spins import cut_off, leading, steps_of, uncounted
 from kreisel.static.turns import turns_between
 
 METHODS = ("multi-position", "six-position", "ferraris", "turntable", "hinge")
@@ -89,6 +89,9 @@ _UNCOUNTED = (
 )
 """What is said of turns that are left out for this."""
 
+_CUT_OFF = "turns in which a gyro is at the end of its range, and that are not used: {count}; turn more slowly"
+"""The same, of gyros that are saturated."""
+
 _DETECTED = {
     "six-position": "six-position: all standstills are on the six faces of a case, taken to be at right angles "
     "(--squareness); --method multi-position does without that",
@@ -124,13 +127,22 @@ def with_method(
     if stated == "turntable" and table is None:
         raise RecordingError("no table0/data.csv; the turntable's angle or rate is needed", file=problem.imu.source)
     if table is not None and stated in (None, "turntable"):
-        return _on_turntable(problem, table)
+        chosen = _on_turntable(problem, table)
+        return _without(chosen, cut_off(chosen.problem), _CUT_OFF)
     start = first_values(problem)
-    lost = uncounted(problem, start.sensors)
-    if lost.size:
-        chosen = _by_hand(replace(problem, uncounted=tuple(lost.tolist())), start, stated, squareness)
-        return replace(chosen, warnings=(*chosen.warnings, DataWarning("turns", _UNCOUNTED.format(count=lost.size))))
-    return _by_hand(problem, start, stated, squareness)
+    lost, clipped = uncounted(problem, start.sensors), cut_off(problem)
+    known = replace(problem, uncounted=tuple(np.union1d(lost, clipped).tolist()))
+    chosen = _by_hand(known, start, stated, squareness)
+    return _without(_without(chosen, lost, _UNCOUNTED), clipped, _CUT_OFF)
+
+
+def _without(chosen: Chosen, turns: Indices, said: str) -> Chosen:
+    """Return a method without some turns, and with what is said of them."""
+    if not turns.size:
+        return chosen
+    left = tuple(np.union1d(chosen.problem.uncounted, turns).astype(int).tolist())
+    warning = DataWarning("turns", said.format(count=turns.size))
+    return replace(chosen, problem=replace(chosen.problem, uncounted=left), warnings=(*chosen.warnings, warning))
 
 
 def _by_hand(problem: RestProblem, start: CellParameters, stated: str | None, squareness: float) -> Chosen:

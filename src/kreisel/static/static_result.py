@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.calibration.result import Calibration
-from kreisel.errors import KreiselError
+from kreisel.errors import KreiselError, RecordingError
 from kreisel.estimation.uncertainty import Contribution, along
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.geometry.rotation import Array, Mask, skew
+from kreisel.preparation.axis_order import LEFT_HANDED_GYROS, disorder, turn_between
 from kreisel.preparation.gravity import NO_LATITUDE, UNKNOWN_SD, site_of
 from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning, Recording
@@ -29,6 +30,11 @@ _NO_GRAVITY = (
     "site.latitude_deg and site.height_m, state it)"
 )
 
+_CLIPPED = (
+    "standstills at which a reading is at the end of its range, and that are not used: {count}; choose a larger range"
+)
+"""What is said of standstills that are left out for this."""
+
 _HALF = 10
 """Fewest standstills of half a recording that is compared with the other half."""
 
@@ -36,6 +42,9 @@ _STEADY, _WARM = 0.7, 7.0
 """Change of an offset from beginning to end, over its range and over the error of a standstill, from which on it counts
 as warming up. Chosen: of eight devices on one board it names all when they start cold; in two warm runs, two of 48 gyro
 axes, which do drift."""
+
+_KNOWN = 0.1
+"""Deviation of the gyros' matrix up to which it shows their axes."""
 
 _LOST = 2e-3
 """Share of lost samples from which on it is said. Chosen: that of usual scale factors after calibration."""
@@ -103,7 +112,8 @@ def calibrate_static(
     chosen = replace(with_method(problem, method, recording.table, squareness), counts=counts)
     known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]
     of_gravity = [warning for warning in of_site if warning is not NO_LATITUDE]
-    said = (*recording.warnings, *chosen.warnings, *(of_gravity or known))
+    clipped = [DataWarning("standstills", _CLIPPED.format(count=rests.clipped))] if rests.clipped else []
+    said = (*recording.warnings, *chosen.warnings, *clipped, *(of_gravity or known))
     return concluded(recording, replace(chosen, warnings=said), only, progress, began)
 
 
@@ -113,8 +123,15 @@ def concluded(
     """Return the estimate by a method, with account of uncertainty, verdict and result.
 
     began: `time.perf_counter()` at the beginning.
+
+    Raises
+    ------
+    RecordingError
+        If nothing fits, or if gyros and accelerometers have not the same axes.
     """
     found = estimate_static(chosen.problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
+    if chosen.counts is None:  # the sign of a count is a part of what is found
+        _check_axes(found)
     rests = found.problem.rests
     least, most = lost_share(found.problem.imu, rests)
     walked = _walked(found)
@@ -132,6 +149,22 @@ def concluded(
         prior_deviation=found.problem.width[:own], estimates=np.zeros((0, 1 + 2 * len(names))),
     )  # fmt: skip
     return StaticOutcome(found, halves, calibration, warnings, chosen.name)
+
+
+def _check_axes(found: StaticEstimate) -> None:
+    """Raise an error for columns in the wrong order, or with wrong signs.
+
+    Turns and gravity are the same in a mirror, with accelerometers that point the other way: of the two orders the one
+    with fewer faults is named. Gyros that turn the wrong way do so in a mirror, too.
+    """
+    problem, sensors = found.problem, found.parameters.sensors
+    if not problem.own_frame or found.deviation[problem.layout["gyro_cross_coupling"]].max() > _KNOWN:
+        return
+    F = turn_between(sensors.K_omega, sensors.K_a)
+    mirrored = np.linalg.det(sensors.K_omega) < 0.0
+    wrong = LEFT_HANDED_GYROS if mirrored else disorder(max(F, -F, key=lambda order: float(np.trace(order))))
+    if wrong is not None:
+        raise RecordingError(wrong, file=problem.imu.source)
 
 
 def _contributions(found: StaticEstimate, walked: Array, lost: float, chosen: Chosen) -> list[Contribution]:

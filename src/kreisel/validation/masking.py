@@ -190,7 +190,7 @@ def without_faults(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Da
     Parameters
     ----------
     moved
-        Whether the IMU was moved. If not, they are only reported.
+        Whether the IMU was moved. If not, they are only reported, and saturated ones marked as broken.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def without_faults(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Da
         for kind in kinds:
             _check_share(kind, imu)
         left, numbers = part_of(left, keep), numbers[keep]
-    left = replace(left, broken_ns=imu.stamps_ns[saturated.samples]) if moved else left
+    left = replace(left, broken_ns=imu.stamps_ns[saturated.samples])
     return left, [_warning(kind, imu, moved=moved, breaks=kind is saturated) for kind in kinds if kind.text]
 
 

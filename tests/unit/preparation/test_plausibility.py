@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from kreisel.errors import ExcitationError, RecordingError, SynchronizationError
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.acceleration_check import AccelerationFit
-from kreisel.preparation.plausibility import _angle, _check_lengths, _order, check_start_values
+from kreisel.preparation.axis_order import angle, order
+from kreisel.preparation.plausibility import _check_lengths, check_start_values
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.recording.header import HeaderUnits
 
@@ -289,9 +290,9 @@ def test_quaternions_only_accelerations_find_fault_with_are_named():
 def test_the_angle_of_a_turn_is_in_degrees():
     for degrees in (0.0, 30.0, 179.0):
         turn = Rotation.from_rotvec(degrees * DEG * np.array([0.36, 0.48, 0.8])).as_matrix()
-        assert _angle(turn) == pytest.approx(degrees, abs=1e-5)
+        assert angle(turn) == pytest.approx(degrees, abs=1e-5)
 
 
 def test_the_order_of_the_axes_is_that_of_the_largest_entries():
     F = np.array([[0.1, -0.9, 0.2], [0.0, 0.1, 1.0], [0.9, 0.3, 0.1]])
-    assert _order(F) == "-a_y lies along w_x, a_z lies along w_y, a_x lies along w_z"
+    assert order(F) == "-a_y lies along w_x, a_z lies along w_y, a_x lies along w_z"

@@ -1,0 +1,91 @@
+"""Readings that a device cuts off, or that were written with wrong signs or in the wrong order."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kreisel.errors import RecordingError
+from kreisel.simulation.standstills import HandTurns, hand_turned
+from kreisel.static.static_result import calibrate_static
+from kreisel.validation.checks import check_streams
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return hand_turned(HandTurns("industrial-mems", attitudes=24, rest=3.0), np.random.default_rng(3))[1]
+
+
+def changed(recording, rates=None, accelerations=None):
+    imu = recording.imu
+    new = {"rates": rates, "accelerations": accelerations}
+    return check_streams(replace(recording, imu=replace(imu, **{k: v for k, v in new.items() if v is not None})))
+
+
+@pytest.fixture(scope="module")
+def from_all(whole):
+    return calibrate_static(changed(whole)).calibration
+
+
+def worst(outcome, from_all):
+    """Return the largest difference of a matrix from that by readings that are not cut off, in deviations."""
+    found, sd = outcome.calibration.sensors, outcome.calibration.sensor_sd
+    scores = [
+        np.abs(getattr(found, name) - getattr(from_all.sensors, name)) / np.where(own > 0.0, own, np.inf)
+        for name, own in (("K_omega", sd.K_omega), ("K_a", sd.K_a))
+    ]
+    return float(np.max(scores))
+
+
+def test_turns_with_gyros_at_the_end_of_their_range_are_not_used(whole, from_all):
+    limit = 0.8 * np.abs(whole.imu.rates).max()
+    outcome = calibrate_static(changed(whole, rates=np.clip(whole.imu.rates, -limit, limit)))
+    said = [str(one) for one in outcome.warnings if one.subject == "turns"]
+    assert len(said) == 1
+    assert "end of its range" in said[0]
+    used = outcome.found.rows["turn"].node.size
+    assert 0 < len(outcome.found.problem.uncounted) == outcome.found.problem.rests.count - 1 - used
+    assert worst(outcome, from_all) < 3.0
+
+
+def test_standstills_with_accelerometers_at_the_end_of_their_range_are_not_used(whole, from_all):
+    clipped = np.clip(whole.imu.accelerations, -9.0, 9.0)
+    outcome = calibrate_static(changed(whole, accelerations=clipped))
+    rests = outcome.found.problem.rests
+    assert rests.clipped > 0
+    assert np.abs(rests.forces).max() < 9.0
+    assert any(f"not used: {rests.clipped}" in str(one) for one in outcome.warnings)
+    assert worst(outcome, from_all) < 3.0
+
+
+def test_too_few_standstills_are_left_of_a_range_that_is_too_small(whole):
+    with pytest.raises(RecordingError, match="more a reading is at the end of its range"):
+        calibrate_static(changed(whole, accelerations=np.clip(whole.imu.accelerations, -5.0, 5.0)))
+
+
+def test_readings_in_steps_are_not_cut_off(whole):
+    """Readings of two digits repeat at every standstill, and at the largest value, too."""
+    rounded = np.round(whole.imu.accelerations / 0.15) * 0.15
+    assert calibrate_static(changed(whole, accelerations=rounded)).found.problem.rests.clipped == 0
+
+
+@pytest.mark.parametrize(
+    ("rates", "accelerations", "said"),
+    [
+        (None, [[0, 1, 1], [1, 2, 1], [2, 0, 1]], "rotated by"),
+        (None, [[0, 0, -1], [1, 1, 1], [2, 2, 1]], "left-handed triad against the gyros (-a_x lies along w_x, a_y"),
+        (None, [[0, 0, 1], [1, 2, 1], [2, 1, 1]], "a_z lies along w_y, a_y lies along w_z"),
+        ([[0, 0, 1], [1, 1, 1], [2, 2, -1]], None, "the gyro axes form a left-handed triad"),
+        ([[0, 1, 1], [1, 0, 1], [2, 2, 1]], None, "the gyro axes form a left-handed triad"),
+    ],
+    ids=["turned", "flipped", "swapped", "gyro flipped", "gyros swapped"],
+)
+def test_columns_in_disorder_are_named(whole, rates, accelerations, said):
+    imu = whole.imu
+
+    def written(values, order):
+        return None if order is None else np.stack([sign * values[:, i] for _, i, sign in order], axis=1)
+
+    with pytest.raises(RecordingError) as caught:
+        calibrate_static(changed(whole, written(imu.rates, rates), written(imu.accelerations, accelerations)))
+    assert said in str(caught.value)
