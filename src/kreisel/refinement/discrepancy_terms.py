@@ -14,8 +14,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kreisel._kernels.recursions import gauss_markov
 from kreisel.fitting.terms import ACCEL_ROWS, GYRO_ROWS, POSE_ROWS, Terms
@@ -299,9 +301,9 @@ class DiscrepancyTerms:
     @cached_property
     def ends(self) -> Mask:
         """Whether a term's series ends with it, (m,): the next degree would be another function."""
-        return self._each(lambda functions: functions.ends)
+        return np.asarray(self._each(lambda functions: functions.ends), dtype=bool)
 
-    def _each(self, of: Callable[[_Functions], Array]) -> Array:
+    def _each(self, of: Callable[[_Functions], NDArray[Any]]) -> NDArray[Any]:
         """Return what every term has from its function, (m,)."""
         return np.concatenate([
             np.tile(of(f), self._size(i) // f.degree.size) for i, f in enumerate(self._functions)
