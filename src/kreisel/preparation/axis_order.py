@@ -40,6 +40,11 @@ def disorder(F: Array) -> str | None:
     return None
 
 
+def in_order(F: Array) -> bool:
+    """Return whether each reading lies along the gyros' axis of the same name, more than along others."""
+    return bool((np.diag(F) > 0.0).all() and (np.argmax(np.abs(F), axis=1) == np.arange(3)).all())
+
+
 def angle(F: Array) -> float:
     """Return the angle of a rotation matrix in degrees."""
     return float(np.degrees(np.arccos(np.clip((np.trace(F) - 1.0) / 2.0, -1.0, 1.0))))

@@ -20,6 +20,9 @@ _FACE, _HEADING, _TABLE, _HINGE = 1e-4, 1e-4, 1e-6, 1e-4
 """rad: what is always uncertain of a face's vertical, of the heading after a whole turn, of a turntable's turn, and of
 a hinge's axis. The noise figure of each, found by evidence, begins at an eighth of it."""
 
+_EXACT = 1e-6
+"""rad; deviation of angles that are stated to be exact."""
+
 _SKEWED = np.array([
     [[0.0, 0.5, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]],
     [[0.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0]],
@@ -55,7 +58,7 @@ class Faces:
     def nuisances(self) -> tuple[Nuisance, ...]:
         """The case's rotation against the accelerometers' axes, and the angles between its faces."""
         labels = (*(f"case.rotation[{i}]" for i in range(3)), *(f"case.angles[{i}]" for i in range(3)))
-        return (Nuisance("case", labels, np.repeat([_CASE_TURNED, self.squareness], 3)),)
+        return (Nuisance("case", labels, np.repeat([_CASE_TURNED, max(self.squareness, _EXACT)], 3)),)
 
     @property
     def white(self) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS, Considered
 from kreisel.model.parameters import CellParameters
 from kreisel.progress import StepProgress
@@ -30,8 +31,11 @@ _MISFIT, _ODDS, _NOTHING = 3.5, 3.0, 1e4
 """Deviations of a row beyond which a standstill or a turn is suspected, gain of evidence with which it is left out, and
 variance with which a row says nothing, over its own."""
 
-CANDIDATES = ("gyro_polynomial", "gyro_asymmetry", "gyro_temperature", "accel_polynomial",
-              "accel_asymmetry", "accel_temperature")  # fmt: skip
+_FAR = 50.0
+"""Logarithm of a ratio of chances that is beyond doubt."""
+
+CANDIDATES = ("gyro_polynomial", "gyro_asymmetry", "gyro_temperature", "gyro_scale_temperature", "accel_polynomial",
+              "accel_asymmetry", "accel_temperature", "accel_scale_temperature")  # fmt: skip
 """Effects that are looked for; those of temperature where it was recorded."""
 
 
@@ -235,7 +239,8 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
     """Return the estimate with effects that the data show, the clearest first."""
     usual = found
     first: dict[str, StaticEstimate] = {}
-    candidates = [c for c in CANDIDATES if "temperature" not in c or found.problem.imu.temperature is not None]
+    others = [usual]
+    candidates = [c for c in CANDIDATES if c not in OF_TEMPERATURE or found.problem.imu.temperature is not None]
     while True:
         trials = {}
         for group in candidates:
@@ -244,6 +249,7 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
             problem = found.problem.with_effects((*found.problem.effects, group))
             trials[group] = fitted(problem, found.parameters, found.noise, found.inflated, found.attitudes, steps=1)
             first.setdefault(group, trials[group])
+        others += trials.values()
         best = max(trials, key=lambda group: trials[group].log_evidence, default="")
         if not best or trials[best].log_evidence - found.log_evidence < MIN_GAIN:
             break
@@ -251,7 +257,7 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
         found = fitted(one.problem, one.parameters, one.noise, found.inflated, one.attitudes)
         tell(0.7)
     considered = [_considered(group, one, usual, found) for group, one in first.items()]
-    undecided = [_undecided(found, one) for one in trials.values()]
+    undecided = [_undecided(found, one) for one in others if one.problem.effects != found.problem.effects]
     return replace(
         found,
         considered=tuple(sorted(considered, key=lambda c: -c.gain)),
@@ -259,12 +265,25 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
     )
 
 
-def _undecided(found: StaticEstimate, trial: StaticEstimate) -> Array:
-    """Return what an effect that is not estimated would do to the parameters, (P,), by the chance that there is one."""
-    odds = USUAL_ODDS * np.exp(min(trial.log_evidence - found.log_evidence, MIN_GAIN))
+def _undecided(found: StaticEstimate, other: StaticEstimate) -> Array:
+    """Return what other effects would do to the parameters, (P, k), by the chance that these are the device's.
+
+    The square of the first column is that of the change, of the others what they leave open beyond the estimate.
+    """
     problem = found.problem
-    change = problem.values(problem.room(trial.parameters)) - problem.values(found.parameters)
-    return np.asarray(np.sqrt(odds / (1.0 + odds)) * change)
+    more = len(other.problem.effects) - len(problem.effects)
+    gain = other.log_evidence - found.log_evidence + more * np.log(USUAL_ODDS)
+    share = 1.0 / (1.0 + np.exp(-np.clip(gain, -_FAR, _FAR)))
+    change = problem.values(problem.room(other.parameters)) - problem.values(found.parameters)
+    names = {name: i for i, name in enumerate(other.problem.names)}
+    own = np.array([i for i, name in enumerate(problem.names) if name in names])
+    theirs = np.array([names[problem.names[i]] for i in own])
+    size = found.deviation[own]
+    open_ = (other.covariance[np.ix_(theirs, theirs)] - found.covariance[np.ix_(own, own)]) / np.outer(size, size)
+    values, vectors = np.linalg.eigh(open_)
+    spread = np.zeros((change.size, own.size))
+    spread[own] = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(np.sqrt(share) * np.column_stack([change, spread]))
 
 
 def _considered(group: str, trial: StaticEstimate, without: StaticEstimate, final: StaticEstimate) -> Considered:

@@ -9,7 +9,7 @@ three devices best, by 4 to 40 in the logarithm of the evidence.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -115,8 +115,10 @@ def weighing(problem: RestProblem, linear: Linear, inflated: Mapping[str, Array]
     rests, turns = problem.rests, linear.turns
     T = rests.durations[:, None]
     at = linear.turn.node
-    force = rests.density_a**2 / T + (rests.creep**2 / 3.0)[:, None] + inflated.get("force", np.zeros(1))[:, None]
-    rate = rests.density_w**2 / T + inflated.get("rate", np.zeros(1))[:, None]
+    force = rests.density_a**2 / T + (rests.creep**2 / 3.0)[:, None] + rests.rounding_a
+    rate = rests.density_w**2 / T + rests.rounding_w
+    force = force + inflated.get("force", np.zeros(1))[:, None]
+    rate = rate + inflated.get("rate", np.zeros(1))[:, None]
     mean = np.mean(rests.density_w**2)
     turn = np.repeat(mean * turns.seconds[at][:, None], 3, axis=1) + inflated.get("turn", np.zeros(1))[:, None]
     between = np.repeat(np.diff(rests.seconds)[:, None], 3, axis=1)
@@ -134,7 +136,10 @@ def solution(problem: RestProblem, linear: Linear, how: Weighing, figures: Array
     """Return the solutions for noise figures (S, K); about: change (P,) from the parameters to their prior."""
     weights = [1.0 / variance for variance in how.variances(figures)]
     prior = np.diag(1.0 / problem.width**2)
-    return solve(linear.all, weights, _of_nodes(problem, linear, how), (prior, prior @ about))
+    found = solve(linear.all, weights, _of_nodes(problem, linear, how), (prior, prior @ about))
+    # what the prior itself is worth: problems have different parameters
+    before = -0.5 * float(about @ prior @ about) - float(np.sum(np.log(problem.width)))
+    return replace(found, log_evidence=found.log_evidence + before)
 
 
 def _of_nodes(problem: RestProblem, linear: Linear, how: Weighing) -> Array:

@@ -113,7 +113,7 @@ class RestProblem:
     known
         What is known of the attitudes besides.
     uncounted
-        Turns, by the standstill before each, that are not used: nothing counts their revolutions, or gyros were cut off.
+        Turns, by the standstill before each, that are not used: nothing counts them, or gyros were cut off.
     own_frame
         Whether b is the accelerometers' own frame; otherwise it is given by what is known of the attitudes.
     """

@@ -10,6 +10,7 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.recording import ImuSamples
 from kreisel.static.rests import Rests
+from kreisel.static.rounding import rounding_variance
 from kreisel.validation.stamp_checks import LONG_GAP, gaps, runs
 
 BLOCK, WINDOW = 0.1, 8
@@ -157,6 +158,7 @@ def _measured(imu: ImuSamples, first: Indices, last: Indices, step: int) -> Rest
     found = Rests(
         a, b, 0.5 * (t[a] + t[b - 1]), t[b - 1] - t[a], table[:, :3], table[:, 3:6], table[:, 6],
         np.maximum(white[0], 1e-9), np.maximum(white[1], 1e-8),
+        rounding_variance(imu.rates, kept, table[:, :3]), rounding_variance(imu.accelerations, kept, table[:, 3:6]),
     )  # fmt: skip
     clipped = _clipped(imu, found)
     return replace(found.part(~clipped), clipped=int(clipped.sum()))

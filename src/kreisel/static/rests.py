@@ -27,6 +27,8 @@ class Rests:
         Rms change of the force within a standstill that is not noise, m/s^2.
     density_w, density_a : (3,)
         White noise of gyros and accelerometers at standstill, per root hertz.
+    rounding_w, rounding_a : (M, 3)
+        Variances of the means by readings in steps, that are the same at standstills with the same mean.
     clipped
         Number of standstills that are none of these, because a reading was at the end of its range.
     """
@@ -40,6 +42,8 @@ class Rests:
     creep: Array
     density_w: Array
     density_a: Array
+    rounding_w: Array
+    rounding_a: Array
     clipped: int = 0
 
     @property
@@ -54,6 +58,6 @@ class Rests:
 
     def part(self, keep: Mask | Indices) -> Rests:
         """Return some of the standstills."""
-        own = ("first", "last", "seconds", "durations", "rates", "forces", "creep")
+        own = ("first", "last", "seconds", "durations", "rates", "forces", "creep", "rounding_w", "rounding_a")
         kept = {name: getattr(self, name)[keep] for name in own}
         return replace(self, **kept)

@@ -47,6 +47,9 @@ _ONE_AXIS, _STRAIGHT, _LEAST_TURN, _MOST = 0.05, 0.97, 0.2, 0.6
 rad, its least angle; and share of all turns that must be so, where the method is not stated. Chosen: nobody turns a
 device by hand about one axis twice within three degrees."""
 
+_PEAKS = 20
+"""Shifts of a table's clock that are tried."""
+
 _SAME = 0.15
 """Share by which the way by the gyros may differ from the table's; otherwise the device was moved, too."""
 
@@ -222,7 +225,7 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
     Of the clocks that are possible that one is taken with which most turns of the table agree with the gyros.
     """
     found = [_agreeing(problem, table, seconds) for seconds in _clocks(problem.imu, table)]
-    best = max((one for one in found if one is not None), key=lambda one: one.share, default=None)
+    best = max((one for one in found if one is not None), key=lambda one: one.share * one.node.size, default=None)
     if best is None:
         raise RecordingError(
             "the turntable never stands still long enough: let it rest for two seconds between two rates, or angles",
@@ -264,7 +267,8 @@ def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array) -> _Agre
     """
     rests = problem.rests
     begin, end = (np.interp(seconds[at], table.seconds, table.angles) for at in (rests.first, rests.last - 1))
-    still: Mask = np.abs(end - begin) < _STILL
+    recorded = (seconds[rests.first] >= table.seconds[0]) & (seconds[rests.last - 1] <= table.seconds[-1])
+    still: Mask = recorded & (np.abs(end - begin) < _STILL)
     if np.count_nonzero(still) < MIN_ATTITUDES:
         return None
     problem = replace(problem, rests=rests.part(still))
@@ -280,7 +284,8 @@ def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array) -> _Agre
 def _clocks(imu: ImuSamples, table: TableAngles) -> list[Array]:
     """Return the table's seconds at every sample of the IMU, (n,), by every clock that is possible.
 
-    By the stamps as they are, and by the shift with which both rates are most alike.
+    By the stamps as they are, and by the shifts with which both rates are most alike: turns of a device that is laid
+    down anew may be larger than the table's.
     """
     stamped = (imu.stamps_ns - table.stamps_ns[0]) * 1e-9
     out = [stamped] if stamped[-1] > 0.0 and stamped[0] < table.seconds[-1] else []
@@ -291,9 +296,9 @@ def _clocks(imu: ImuSamples, table: TableAngles) -> list[Array]:
     y = np.abs(np.gradient(np.interp(tau, table.seconds, table.angles), _STEP)) if tau.size > 1 else np.zeros(1)
     size = t.size + tau.size
     alike = np.fft.irfft(np.fft.rfft(x - x.mean(), size) * np.conj(np.fft.rfft(y - y.mean(), size)), size)
-    best = int(np.argmax(alike))
-    shift = _STEP * (best if best < t.size else best - size)
-    return [*out, imu.seconds - shift]
+    peaks = np.flatnonzero((alike > np.roll(alike, 1)) & (alike >= np.roll(alike, -1)))
+    best = np.union1d(peaks[np.argsort(-alike[peaks])[:_PEAKS]], np.argmax(alike))
+    return [*out, *(imu.seconds - _STEP * np.where(best < t.size, best, best - size)[:, None])]
 
 
 def _with_turns(start: CellParameters, way: Array, turns: TableTurns, C: Array) -> CellParameters:

@@ -12,18 +12,20 @@ from kreisel.errors import KreiselError, RecordingError
 from kreisel.estimation.uncertainty import Contribution, along
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.geometry.rotation import Array, Mask, skew
-from kreisel.preparation.axis_order import LEFT_HANDED_GYROS, disorder, turn_between
+from kreisel.preparation.axis_order import LEFT_HANDED_GYROS, disorder, in_order, turn_between
 from kreisel.preparation.gravity import NO_LATITUDE, UNKNOWN_SD, site_of
 from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.static.count_sizes import in_quantities
+from kreisel.static.known_attitudes import Faces
 from kreisel.static.lost_share import lost_share
 from kreisel.static.multi_position import StaticEstimate, estimate_static, fitted
-from kreisel.static.rest_problem import RestProblem, raw_of
+from kreisel.static.rest_problem import RestProblem, nuisance, raw_of
 from kreisel.static.rest_search import find_rests
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
 from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import judge_static
+from kreisel.units import MRAD
 
 _NO_GRAVITY = (
     "gravity is not known well: the accelerometers' scale factors are uncertain by 0.15 % for it (--gravity, or "
@@ -35,13 +37,22 @@ _CLIPPED = (
 )
 """What is said of standstills that are left out for this."""
 
+_ROUNDS, _CONTRADICTED = 3, 3.5
+"""Times that angles between faces may be found to be larger than stated, and deviations from which they are."""
+
+_NOT_SQUARE = (
+    "the faces are not at right angles: they are {angle:.2g} mrad off, by gravity and gyros, where {stated:.2g} mrad "
+    "were expected (--squareness)"
+)
+"""What is said of such a case."""
+
 _HALF = 10
 """Fewest standstills of half a recording that is compared with the other half."""
 
-_STEADY, _WARM = 0.7, 7.0
+_STEADY, _WARM, _FEWEST = 0.7, 7.0, 10
 """Change of an offset from beginning to end, over its range and over the error of a standstill, from which on it counts
-as warming up. Chosen: of eight devices on one board it names all when they start cold; in two warm runs, two of 48 gyro
-axes, which do drift."""
+as warming up; and fewest standstills that show it. Chosen: of eight devices on one board it names all when they start
+cold; in two warm runs, two of 48 gyro axes, which do drift."""
 
 _KNOWN = 0.1
 """Deviation of the gyros' matrix up to which it shows their axes."""
@@ -130,6 +141,7 @@ def concluded(
         If nothing fits, or if gyros and accelerometers have not the same axes.
     """
     found = estimate_static(chosen.problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
+    chosen, found = _skewed(chosen, found, progress)
     if chosen.counts is None:  # the sign of a count is a part of what is found
         _check_axes(found)
     rests = found.problem.rests
@@ -151,6 +163,31 @@ def concluded(
     return StaticOutcome(found, halves, calibration, warnings, chosen.name)
 
 
+def _skewed(chosen: Chosen, found: StaticEstimate, progress: Progress | None) -> tuple[Chosen, StaticEstimate]:
+    """Return method and estimate with faces as far from right angles as gravity and gyros show them to be."""
+    for _ in range(_ROUNDS):
+        faces = next((one for one in found.problem.known if isinstance(one, Faces)), None)
+        if faces is None:
+            break
+        angles = nuisance(found.parameters, "case", 6)[3:]
+        stated = found.problem.width[found.problem.layout["case"]][3:]
+        own = found.deviation[found.problem.layout["case"]][3:]
+        share = np.maximum(1.0 - (own / stated) ** 2, 1e-12)  # of the information that the data give
+        alone, far = (
+            np.abs(angles) / share,
+            float(np.max(np.abs(angles) / np.sqrt(share * own**2 + share**2 * stated**2))),
+        )
+        if far < _CONTRADICTED:
+            break
+        wider = replace(faces, squareness=float(np.max(alone)))
+        known = tuple(wider if one is faces else one for one in found.problem.known)
+        said = DataWarning("method", _NOT_SQUARE.format(angle=np.max(np.abs(alone)) / MRAD, stated=stated[0] / MRAD))
+        others = tuple(w for w in chosen.warnings if not w.message.startswith(_NOT_SQUARE[:20]))
+        chosen = replace(chosen, problem=replace(chosen.problem, known=known), warnings=(*others, said))
+        found = estimate_static(chosen.problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
+    return chosen, found
+
+
 def _check_axes(found: StaticEstimate) -> None:
     """Raise an error for columns in the wrong order, or with wrong signs.
 
@@ -160,11 +197,14 @@ def _check_axes(found: StaticEstimate) -> None:
     problem, sensors = found.problem, found.parameters.sensors
     if not problem.own_frame or found.deviation[problem.layout["gyro_cross_coupling"]].max() > _KNOWN:
         return
+    if np.linalg.det(sensors.K_omega) < 0.0:
+        raise RecordingError(LEFT_HANDED_GYROS, file=problem.imu.source)
     F = turn_between(sensors.K_omega, sensors.K_a)
-    mirrored = np.linalg.det(sensors.K_omega) < 0.0
-    wrong = LEFT_HANDED_GYROS if mirrored else disorder(max(F, -F, key=lambda order: float(np.trace(order))))
-    if wrong is not None:
-        raise RecordingError(wrong, file=problem.imu.source)
+    F = max(F, -F, key=lambda order: float(np.trace(order)))
+    wrong = disorder(F)
+    if wrong is not None and not in_order(F):
+        chips = "; the same holds for a chip that is turned against the other" if np.linalg.det(F) < 0.0 else ""
+        raise RecordingError(wrong + chips, file=problem.imu.source)
 
 
 def _contributions(found: StaticEstimate, walked: Array, lost: float, chosen: Chosen) -> list[Contribution]:
@@ -221,7 +261,7 @@ def _steady(found: StaticEstimate) -> tuple[Mask, Mask]:
     for walk, (own, density) in zip(found.walks, sizes, strict=True):
         noise = np.sqrt(own**2 + density**2 / np.median(rests.durations))
         change, span = np.abs(walk[-1] - walk[0]), np.ptp(walk, axis=0)
-        out.append((change > _STEADY * span) & (change > _WARM * noise))
+        out.append((change > _STEADY * span) & (change > _WARM * noise) & (rests.count >= _FEWEST))
     return out[0], out[1]
 
 

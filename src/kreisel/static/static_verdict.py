@@ -18,6 +18,9 @@ MAX_LEFT_OUT = 0.2
 MAX_FORCE = 0.1
 """m/s^2; largest error of the force at a standstill: 10 mrad. Chosen: a hand that is no longer still."""
 
+_FEW = 10
+"""Standstills, below which more of them are asked for where something is not observable."""
+
 MAX_HALVES = 4.5
 """Deviations by which both halves of a recording may differ, as in `calibrate`."""
 
@@ -42,9 +45,11 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
     for sensor in SENSORS:
         lost = [name for name, narrowed in weak if name.startswith(sensor) and not narrowed]
         if lost:
+            few = found.problem.rests.count < _FEW
             hidden[sensor] = (
                 f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''};"
                 " lay the device on each of its faces and on edges, and turn it about all axes"
+                f"{f', more often: {found.problem.rests.count} standstills are few' if few else ''}"
             )
             reasons[sensor].append(hidden[sensor])
             continue  # what is implausible beside that is a consequence

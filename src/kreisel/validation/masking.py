@@ -153,6 +153,8 @@ class _Found:
         Which they are.
     text, place
         Of the first one.
+    at_rest
+        Advice where the device also stands still, if it is another.
     """
 
     find: _Find
@@ -161,6 +163,7 @@ class _Found:
     most: float = MAX_MASKED
     text: str = ""
     place: int = 0
+    at_rest: str = ""
 
     def add(self, one: _Fault, numbers: Indices) -> None:
         """Add a fault of a chunk whose samples have these numbers."""
@@ -205,7 +208,8 @@ def without_faults(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Da
                np.zeros(n, dtype=bool), most=0.0),
         _Found(_spikes, delete, np.zeros(n, dtype=bool)),
         _Found(_frozen, f"{delete}, and check whether the driver stalled", np.zeros(n, dtype=bool)),
-        _Found(_stuck, f"a stuck or dead channel; {delete}, and check the sensor", np.zeros(n, dtype=bool)),
+        _Found(_stuck, f"a stuck or dead channel; {delete}, and check the sensor", np.zeros(n, dtype=bool),
+               at_rest="a stuck channel, or one whose steps are larger than its noise while the device rests"),
     ]  # fmt: skip
     left, numbers = imu, np.arange(n)
     for _ in range(_MAX_ROUNDS):  # large spikes hide smaller ones
@@ -237,7 +241,7 @@ def _warning(kind: _Found, imu: ImuSamples, *, moved: bool, breaks: bool) -> Dat
     places, count = runs(kind.samples)[0].size, int(kind.samples.sum())
     more = and_more(places - 1, "places")
     if not moved:
-        return DataWarning("imu", f"{kind.text}{more}; {kind.advice}")
+        return DataWarning("imu", f"{kind.text}{more}; {kind.at_rest or kind.advice}")
     end = "navigation starts anew after them" if breaks else "the motion is bridged"
     left_out = f"{count} samples are left out, and {end}" if count > 1 else "this sample is left out"
     return DataWarning("masked", f"{at(imu.source, imu.row_of(kind.place))}: {kind.text}{more}; {left_out}")

@@ -64,6 +64,17 @@ def test_table_turns_have_the_angle_of_the_table_whatever_its_clock():
     np.testing.assert_allclose(turns.angle, np.diff(angles)[turns.node], atol=1e-3)
 
 
+def test_a_table_is_found_though_a_hand_turns_the_device_faster():
+    """The largest turns are those between mountings, and a shift of one stop makes most rates alike."""
+    problem, table = case(laid="turntable", attitudes=18, turn=1.5)
+    expected = chosen(None, problem, table).problem.known[0]
+    for seconds in (0.3, 1.0, -2.0, 7.0):
+        later = replace(table, stamps_ns=table.stamps_ns + round(seconds * 1e9))
+        (turns,) = chosen(None, problem, later).problem.known
+        assert turns.node.size >= expected.node.size
+        np.testing.assert_allclose(turns.angle, expected.angle, atol=1e-3)
+
+
 def test_a_hinge_has_an_axis_for_each_mounting_whatever_the_sense_of_its_turns():
     problem, _ = case(laid="hinge", attitudes=12, table_axis=(0.8, 0.6, 0.0))
     (turns,) = chosen(None, problem).problem.known

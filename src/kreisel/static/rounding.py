@@ -1,0 +1,90 @@
+"""Readings in steps: where noise does not carry them from one to the next, a standstill's mean errs by a part of one.
+
+The error is the same whenever the device lies the same way: it does not average out, and nothing scatters by it. The
+same holds for rates that a device sets to zero while they are small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+
+_MANY = 4096
+"""Different values at standstills, beyond which they lie so close that steps are no matter."""
+
+_SAME = 1e-9
+"""Difference of two values, over the largest, up to which they are one."""
+
+_FINER, _OFTEN = 3.0, 0.05
+"""How many times finer steps beyond it must be for a channel to be held at zero, and share of zeros at standstill."""
+
+_NEAR = 0.5
+"""Steps between the means of two standstills up to which they err alike."""
+
+_NOISE = np.linspace(0.0, 1.0, 2001)
+"""Variances of noise, over the square of a step, for which errors are tabulated."""
+
+_K = np.arange(1, 200)[:, None]
+_ERROR = np.sum(np.exp(-4.0 * np.pi**2 * _K**2 * _NOISE) / (2.0 * np.pi**2 * _K**2), axis=0)
+_SPREAD = _NOISE + _ERROR[0] - _ERROR
+"""Variances of a mean's error, and within a standstill; see `rounding_variance`."""
+
+
+def rounding_variance(values: Array, parts: Sequence[tuple[int, int]], means: Array) -> Array:
+    """Return the variances of the means of standstills by steps of the readings, (M, 3).
+
+    Averaged over standstills with the same mean, the variance is that of one.
+
+    Parameters
+    ----------
+    values : (n, 3)
+        All readings.
+    parts
+        First sample of each standstill, and the one after its last.
+    means : (M, 3)
+
+    Notes
+    -----
+    Of readings with noise of variance s^2, rounded to steps of one, the variance of the mean's error is the sum over k
+    of exp(-4 pi^2 k^2 s^2) / (2 pi^2 k^2) (Widrow and Kollar 2008); with the variance within a standstill it is
+    s^2 + 1 / 12.
+    """
+    out = np.zeros_like(means)
+    for axis in range(means.shape[1]):
+        own = [values[a:b, axis] for a, b in parts]
+        still = np.concatenate(own)
+        held = _held(still, values[:, axis])
+        step = 2.0 * held or _step(still, values[:, axis])
+        if step == 0.0:
+            continue
+        spread = 0.0 if held else float(np.mean([part.var() for part in own]))
+        one = step**2 * float(np.interp(spread / step**2, _SPREAD, _ERROR, right=0.0))
+        alike = np.abs(means[:, None, axis] - means[None, :, axis]) < _NEAR * step
+        out[:, axis] = one * alike.sum(axis=1)
+    return out
+
+
+def _held(still: Array, every: Array) -> float:
+    """Return how large readings are at least that are not held at zero; 0 where none are held."""
+    if float(np.mean(still == 0.0)) < _OFTEN:
+        return 0.0
+    least = _SAME * float(np.abs(every).max())
+    sizes = np.unique(np.abs(every))
+    beyond = sizes[sizes > least]
+    steps = np.diff(beyond)
+    fine = steps[steps > least]
+    return float(beyond[0]) if fine.size and beyond[0] > _FINER * float(fine.min()) else 0.0
+
+
+def _step(still: Array, every: Array) -> float:
+    """Return the step of a channel at standstills; 0 where its values lie close."""
+    found = np.unique(still)
+    if found.size > _MANY:
+        return 0.0
+    # of a channel that never changes at standstill, the step is that to the next value while it moves
+    steps = np.diff(found) if found.size > 1 else np.abs(every - found[0])
+    steps = steps[steps > _SAME * float(np.abs(every).max())]
+    return float(steps.min()) if steps.size else 0.0

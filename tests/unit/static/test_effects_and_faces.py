@@ -1,0 +1,76 @@
+"""Effects by evidence, and faces that are less square than was thought, in recordings by hand."""
+
+import numpy as np
+import pytest
+
+from kreisel.calibration.device_axes import upper_triangular
+from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.preparation.gravity import site_of
+from kreisel.simulation.standstills import HandTurns, hand_turned
+from kreisel.static.first_values import first_values
+from kreisel.static.multi_position import estimate_static
+from kreisel.static.rest_problem import RestProblem, raw_of
+from kreisel.static.rest_search import find_rests
+from kreisel.static.static_result import calibrate_static
+from kreisel.validation.checks import check_streams
+
+
+def turned(seed=4, **how):
+    truth, recording = hand_turned(HandTurns("consumer-mems", **how), np.random.default_rng(seed))
+    return truth, check_streams(recording)
+
+
+def problem_of(recording):
+    imu = recording.imu
+    return RestProblem(imu, raw_of(imu), find_rests(imu), site_of(recording.settings.site)[0])
+
+
+@pytest.mark.parametrize("attitudes", [8, 24])
+def test_effects_that_the_data_say_little_of_hardly_change_the_evidence(attitudes):
+    """Of a device that has none: whatever the unit of an effect, it costs no more than its data are worth."""
+    problem = problem_of(turned(attitudes=attitudes, rest=3.0)[1])
+    found = estimate_static(problem, first_values(problem))
+    gains = {one.group: one.gain for one in found.considered}
+    assert {"gyro_asymmetry", "accel_asymmetry"} <= gains.keys()
+    assert all(-8.0 < gain < 3.0 for gain in gains.values()), gains
+    assert gains["gyro_asymmetry"] > -3.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_quadratic_accelerometers_are_found_on_faces(seed):
+    """Terms of 0.3 % at g would be 20 deviations of offsets; turns of the gyros show them between faces."""
+    _, recording = turned(seed, attitudes=18, laid="faces", quadratic=3e-4)
+    outcome = calibrate_static(recording)
+    considered = {one.group: one for one in outcome.found.considered}
+    assert considered["accel_polynomial"].included
+    assert considered["accel_polynomial"].gain > 10.0
+
+
+def test_effects_that_are_not_chosen_widen_what_they_would_change():
+    problem = problem_of(turned(1, attitudes=12, rest=3.0, quadratic=5e-5)[1])
+    found = estimate_static(problem, first_values(problem))
+    place = problem.layout["accel_offset"]
+    assert "accel_polynomial" not in found.problem.effects
+    beyond = np.sqrt(np.sum(found.undecided[place] ** 2, axis=1))
+    assert (beyond > 0.1 * found.deviation[place]).any()
+
+
+@pytest.mark.parametrize("stated", [0.0, 2e-3])
+def test_faces_are_as_far_from_right_angles_as_the_data_show(stated):
+    truth, recording = turned(2, attitudes=18, laid="faces", squareness=25e-3, laid_error=1e-3)
+    outcome = calibrate_static(recording, squareness=stated)
+    assert any("not at right angles" in one.message for one in outcome.warnings)
+    assert largest(outcome, truth) < 4.0
+
+
+def test_square_faces_are_left_alone():
+    _, recording = turned(2, attitudes=18, laid="faces")
+    assert not any("not at right angles" in one.message for one in calibrate_static(recording).warnings)
+
+
+def largest(outcome, truth: SensorParameters) -> float:
+    """Return the largest error of the accelerometers' matrix in their own frame, in deviations."""
+    _, expected = upper_triangular(truth.K_a)
+    sd = outcome.calibration.sensor_sd.K_a
+    error = outcome.calibration.sensors.K_a - expected
+    return float(np.max(np.abs(error[sd > 0.0]) / sd[sd > 0.0]))
