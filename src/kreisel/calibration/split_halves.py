@@ -23,8 +23,15 @@ _MIN, _MIN_WITH_WALKS = 1e-4, 0.1
 
 
 def middle_of(problem: Problem) -> int:
-    """Return the number of the update with which the second half begins."""
-    return len(problem.schedule.updates) // 2
+    """Return the number of the update with which the second half begins, the one with the second half of the motion.
+
+    A device that stands still at first shows nothing then that the rest could be compared with.
+    """
+    rates, updates = problem.sensor.readings.rates, problem.schedule.updates
+    way = np.cumsum(np.sum((rates - np.median(rates, axis=0)) ** 2, axis=1))
+    moved = way[np.array([update.last for update in updates])]
+    half = int(np.searchsorted(moved, 0.5 * moved[-1]))
+    return min(max(half, MIN_UPDATES), len(updates) - MIN_UPDATES) if len(updates) >= 2 * MIN_UPDATES else 0
 
 
 def fits_of_halves(

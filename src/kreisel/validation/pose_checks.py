@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Indices, Mask
+from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, log, multiply
 from kreisel.recording.location import and_more, fault, rows, wrong_unit
 from kreisel.recording.recording import DataWarning, ReferencePoses, angles_over
 from kreisel.validation.empty_rows import POSITION, QUATERNION
@@ -233,12 +233,30 @@ def _tracked(reference: ReferencePoses, warnings: list[DataWarning]) -> Mask:
 
 
 def _returns(reference: ReferencePoses, steps: _Steps, first: int, second: int) -> bool:
-    """Return whether the pose after the second of two jumps is about where it was before the first."""
+    """Return whether the second of two jumps undoes the first.
+
+    The pose after it is about where it was before, or the body moved on and both are the same change of the body's
+    axes and point, as by markers that are taken for each other.
+    """
     across = _Steps.of(reference.part(np.array([first, second + 1])))
     over = np.array([across.shift[0], across.turn[0]])
     back = np.minimum([steps.shift[first], steps.turn[first]], [steps.shift[second], steps.turn[second]])
     jumped = back > _impossible(reference, steps)
-    return bool(jumped.any() and np.all(over[jumped] < 0.5 * back[jumped]))
+    near = np.minimum(over, _left_of_jumps(reference, first, second))
+    return bool(jumped.any() and np.all(near[jumped] < 0.5 * back[jumped]))
+
+
+def _left_of_jumps(reference: ReferencePoses, first: int, second: int) -> Array:
+    """Return how far two jumps, seen from the body, are from being each other's inverse: m and rad, (2,)."""
+    p, q = reference.positions, reference.quaternions
+    if q is None:
+        return np.full(2, np.inf)
+    both = [multiply(conjugate(q[k]), q[k + 1]) for k in (first, second)]
+    turn = float(np.linalg.norm(log(multiply(both[0], both[1]))))
+    if p is None:
+        return np.array([np.inf, turn])
+    ways = [apply(conjugate(q[at]), p[k + 1] - p[k]) for at, k in ((first + 1, first), (second, second))]
+    return np.array([float(np.linalg.norm(ways[0] + ways[1])), turn])
 
 
 def _times(count: int) -> str:

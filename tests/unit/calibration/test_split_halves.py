@@ -8,7 +8,7 @@ import pytest
 from kreisel.calibration.disagreement import Disagreement
 from kreisel.calibration.evidence import SplitHalves
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
-from kreisel.calibration.split_halves import halves_disagreement, split_halves
+from kreisel.calibration.split_halves import halves_disagreement, middle_of, split_halves
 from kreisel.estimation.belief import Belief
 from kreisel.fitting.stored_state import first_belief, stored_state
 from kreisel.kalman.kalman_filter import KalmanFilter
@@ -152,7 +152,7 @@ def test_halves_of_a_steady_cell_agree(steady):
 def test_an_offset_that_steps_in_the_middle_shows_as_large_as_it_is(steady):
     """Readings that grow by a step need an offset that falls by it; the step enters through K_omega, 1 % from one."""
     problem = camera_problem()
-    middle = problem.schedule.updates[len(problem.schedule.updates) // 2].last
+    middle = problem.schedule.updates[middle_of(problem)].last
     step = np.array([2e-4, -3e-4, 1e-4])
     rates = problem.sensor.readings.rates.copy()
     rates[middle:] += step

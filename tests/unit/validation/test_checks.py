@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import exp
+from kreisel.geometry.rotation import apply, conjugate, exp, log, multiply
 from kreisel.preparation.imu_noise import imu_noise_of, readings_of
 from kreisel.recording import recording as module
 from kreisel.recording.header import UNITS, HeaderUnits
@@ -386,6 +386,30 @@ def test_angles_of_axes_without_end_are_no_degrees() -> None:
     endless = r.joints.angles * [1.0, 100.0]
     for joints in (replace(r.joints, angles=endless), replace(r.joints, angles=100.0 * endless, source=Path("a/b"))):
         assert check_streams(replace(r, joints=joints, urdf=None)).warnings == ()
+
+
+@pytest.mark.parametrize("seconds", [0.4, 1.5])
+def test_markers_that_are_taken_for_each_other_while_the_body_moves_on_are_left_out(seconds: float) -> None:
+    """A half turn of the body's axes and another point of it, until they are told apart again."""
+    r = recording()
+    p, q = (values.copy() for values in (r.reference.positions, r.reference.quaternions))
+    own = slice(800, 800 + round(seconds * POSE_RATE))
+    assert np.degrees(np.linalg.norm(log(multiply(conjugate(q[own.start]), q[own.stop])))) > (
+        20.0 if seconds > 1 else 0
+    )
+    q[own] = multiply(q[own], exp(np.array([0.0, 0.2, 3.0])))
+    p[own] = p[own] + apply(q[own], np.array([0.3, -0.1, 0.05]))
+    got = check_streams(with_poses(r, positions=p, quaternions=q))
+    assert got.reference.stamps_ns.size == r.reference.stamps_ns.size - (own.stop - own.start)
+    assert "markers were taken for each other" in "".join(str(one) for one in got.warnings)
+
+
+def test_a_frame_that_is_set_anew_and_turned_again_is_none_of_these() -> None:
+    r = recording()
+    q = r.reference.quaternions.copy()
+    q[800:860] = multiply(q[800:860], exp(np.array([0.0, 0.2, 3.0])))
+    q[860:] = multiply(q[860:], exp(np.array([2.0, 0.0, 0.0])))
+    assert "the pose jumps by" in message(with_poses(r, quaternions=q))
 
 
 def test_outliers_in_a_row_are_left_out_and_lines_stay_right() -> None:
