@@ -388,7 +388,7 @@ def test_angles_of_axes_without_end_are_no_degrees() -> None:
         assert check_streams(replace(r, joints=joints, urdf=None)).warnings == ()
 
 
-@pytest.mark.parametrize("seconds", [0.4, 1.5])
+@pytest.mark.parametrize("seconds", [0.4, 1.1])
 def test_markers_that_are_taken_for_each_other_while_the_body_moves_on_are_left_out(seconds: float) -> None:
     """A half turn of the body's axes and another point of it, until they are told apart again."""
     r = recording()
