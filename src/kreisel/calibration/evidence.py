@@ -119,8 +119,8 @@ class LatitudeCheck:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the stated latitude is so far off that it may be wrong: 4 % of right ones are."""
-        return self.score > 2.5
+        """Whether the stated latitude is so far off that it may be wrong: 1 % of right ones are."""
+        return self.score > 3.0
 
 
 @dataclass(frozen=True)
