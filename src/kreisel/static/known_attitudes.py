@@ -71,7 +71,7 @@ class Faces:
         return 1.0 - np.eye(3)[self.axis]
 
     def equations(self, problem: RestProblem, p: CellParameters, C: Array) -> Equations:
-        """Return that the normal of a face is up, by equation (35) of docs/explanation/model.md."""
+        """Return that the normal of a face is up, by equation (36) of docs/explanation/model.md."""
         rotation, angles = np.split(nuisance(p, "case", 6), 2)
         R = matrix(exp(rotation))
         normals = np.eye(3) + np.einsum("kij,k->ij", _SKEWED, angles)
@@ -182,7 +182,7 @@ class TableTurns:
         return n, (np.eye(3) - np.outer(n, n)) @ across / length
 
     def equations(self, problem: RestProblem, p: CellParameters, C: Array) -> Equations:
-        """Return that a turn is one about the axis by the angle, by equation (36) of docs/explanation/model.md."""
+        """Return that a turn is one about the axis by the angle, by equation (37) of docs/explanation/model.md."""
         n, J = self.axis_by(p)
         angle = (1.0 + nuisance(p, "table_scale", 1)[0]) * self.angle
         vector = angle[:, None] * n
@@ -241,7 +241,7 @@ class HingeTurns:
         return np.tile([1.0, 1.0, 0.0], (self.node.size, 1))
 
     def equations(self, problem: RestProblem, p: CellParameters, C: Array) -> Equations:
-        """Return that the axis has the same direction after a turn, by equation (38) of docs/explanation/model.md."""
+        """Return that the axis has the same direction after a turn, by equation (39) of docs/explanation/model.md."""
         frames = np.stack([matrix(from_two_vectors([0.0, 0.0, 1.0], axis)) for axis in self.axes])
         moved = nuisance(p, "hinge", 2 * len(self.axes)).reshape(-1, 2)
         n = self.axes + np.einsum("mij,mj->mi", frames[..., :2], moved)

@@ -77,7 +77,7 @@ class PoseAttitudes:
         return self.frame(p).T @ matrix(own)
 
     def equations(self, problem: RestProblem, p: CellParameters, C: Array) -> Equations:
-        """Return that an attitude is the reported one, by equation (37) of docs/explanation/model.md."""
+        """Return that an attitude is the reported one, by equation (38) of docs/explanation/model.md."""
         E, after = self.attitudes(p), C[self.node]
         A = np.swapaxes(E, 1, 2) @ after
         of_node = np.zeros((self.node.size, 3, NODE))

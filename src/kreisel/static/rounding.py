@@ -48,9 +48,8 @@ def rounding_variance(values: Array, parts: Sequence[tuple[int, int]], means: Ar
 
     Notes
     -----
-    Of readings with noise of variance s^2, rounded to steps of one, the variance of the mean's error is the sum over k
-    of exp(-4 pi^2 k^2 s^2) / (2 pi^2 k^2) (Widrow and Kollar 2008); with the variance within a standstill it is
-    s^2 + 1 / 12.
+    By equation (35) of docs/explanation/model.md. With the variance within a standstill, that of the error of its mean is
+    the noise's and a twelfth of the step's square.
     """
     out = np.zeros_like(means)
     for axis in range(means.shape[1]):
