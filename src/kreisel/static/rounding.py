@@ -48,8 +48,8 @@ def rounding_variance(values: Array, parts: Sequence[tuple[int, int]], means: Ar
 
     Notes
     -----
-    By equation (35) of docs/explanation/model.md. With the variance within a standstill, that of the error of its mean is
-    the noise's and a twelfth of the step's square.
+    By equation (35) of docs/explanation/model.md. With the variance within a standstill, that of the error of its mean
+    is the noise's and a twelfth of the step's square.
     """
     out = np.zeros_like(means)
     for axis in range(means.shape[1]):
