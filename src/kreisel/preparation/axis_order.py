@@ -32,6 +32,11 @@ def disorder(F: Array) -> str | None:
             f"the accelerometers form a left-handed triad against the gyros ({order(F)}); correct signs and order "
             "of their columns"
         )
+    if angle(F) > MAX_TURN and in_order(F):
+        return (
+            f"the accelerometers' axes are rotated by {angle(F):.0f} deg against the gyros': they are mounted so, which "
+            "is not supported, or positions and orientations are not of the same body and run"
+        )
     if angle(F) > MAX_TURN:
         return (
             f"the accelerometers' axes are rotated by {angle(F):.0f} deg against the gyros' ({order(F)}); write the "

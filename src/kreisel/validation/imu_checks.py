@@ -93,6 +93,11 @@ def check_quantities(imu: ImuSamples) -> None:
         )  # fmt: skip
 
 
+_SHAKEN, _GENTLE = 150.0, 10.0
+"""m/s^2; median length up to which accelerations may be those of a device that is shaken, and the percentile that is
+much smaller then. Chosen: raw counts of a device at rest, or moved as usual, hardly vary."""
+
+
 def check_gravity(imu: ImuSamples) -> None:
     """Raise an error if the accelerometers do not read about one g; it names the unit that would fit.
 
@@ -103,12 +108,14 @@ def check_gravity(imu: ImuSamples) -> None:
     length = _usual_length(imu.accelerations)
     if 4.0 < length < 25.0:
         return
+    if length < _SHAKEN and 4.0 < _usual_length(imu.accelerations, _GENTLE) < min(30.0, length / 1.5):
+        return
     got = f"accelerations have a median length of {length:.4g}, expected {STANDARD_GRAVITY:.4g} m/s^2 or a little more"
     for unit in ("g", "mg", "m s^-2"):
         factor = UNITS["acceleration"][unit] / imu.units.size("acceleration")
         if factor != 1.0 and 0.6 * STANDARD_GRAVITY < length * factor < 1.6 * STANDARD_GRAVITY:
             raise wrong_unit(imu, got, "acceleration", factor)
-    if 4.0 < _usual_length(imu.rates) < 25.0:
+    if length < 4.0 < _usual_length(imu.rates) < 25.0:
         advice = "the rates seem to be in their columns: put rates first, accelerations after them"
     elif length < 4.0:
         advice = "was gravity removed, or are the columns in another order? Raw readings are needed"
@@ -117,8 +124,9 @@ def check_gravity(imu: ImuSamples) -> None:
     raise RecordingError(f"{got}; {advice}", file=imu.source, line=1 if is_table(imu.source) else None)
 
 
-def _usual_length(vectors: Array) -> float:
-    return float(np.median(np.concatenate([np.linalg.norm(part, axis=1) for part in excerpt(vectors)])))
+def _usual_length(vectors: Array, share: float = 50.0) -> float:
+    """Return a percentile of the lengths."""
+    return float(np.percentile(np.concatenate([np.linalg.norm(part, axis=1) for part in excerpt(vectors)]), share))
 
 
 def _channels(imu: ImuSamples) -> list[Array]:

@@ -412,6 +412,16 @@ def test_a_frame_that_is_set_anew_and_turned_again_is_none_of_these() -> None:
     assert "the pose jumps by" in message(with_poses(r, quaternions=q))
 
 
+def test_a_device_may_be_shaken_but_counts_are_no_accelerations() -> None:
+    r = recording()
+    t = r.imu.seconds
+    hard = 60.0 * np.sin(2.0 * np.pi * 3.0 * t)[:, None] * np.array([0.0, 0.6, 0.8])
+    check_streams(with_imu(r, accelerations=r.imu.accelerations + hard))
+    assert "are they raw counts?" in message(with_imu(r, accelerations=6.0 * r.imu.accelerations))
+    swapped = message(with_imu(r, rates=r.imu.accelerations, accelerations=r.imu.rates))
+    assert "the rates seem to be in their columns" in swapped
+
+
 def test_outliers_in_a_row_are_left_out_and_lines_stay_right() -> None:
     r = recording()
     p = r.reference.positions.copy()
