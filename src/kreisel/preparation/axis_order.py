@@ -34,8 +34,8 @@ def disorder(F: Array) -> str | None:
         )
     if angle(F) > MAX_TURN and in_order(F):
         return (
-            f"the accelerometers' axes are rotated by {angle(F):.0f} deg against the gyros': they are mounted so, which "
-            "is not supported, or positions and orientations are not of the same body and run"
+            f"the accelerometers' axes are rotated by {angle(F):.0f} deg against the gyros': they are mounted so, "
+            "which is not supported, or positions and orientations are not of the same body and run"
         )
     if angle(F) > MAX_TURN:
         return (
