@@ -34,8 +34,10 @@ variance with which a row says nothing, over its own."""
 _FAR = 50.0
 """Logarithm of a ratio of chances that is beyond doubt."""
 
-CANDIDATES = ("gyro_polynomial", "gyro_asymmetry", "gyro_temperature", "gyro_scale_temperature", "accel_polynomial",
-              "accel_asymmetry", "accel_temperature", "accel_scale_temperature")  # fmt: skip
+CANDIDATES = (
+    "gyro_polynomial", "gyro_asymmetry", "gyro_axis_smoothing", "gyro_temperature", "gyro_scale_temperature",
+    "accel_polynomial", "accel_asymmetry", "accel_temperature", "accel_scale_temperature",
+)  # fmt: skip
 """Effects that are looked for; those of temperature where it was recorded."""
 
 
