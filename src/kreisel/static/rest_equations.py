@@ -148,7 +148,7 @@ def _rate(problem: RestProblem, p: CellParameters, C: Array, every: Indices) -> 
 
 
 def _turn(problem: RestProblem, p: CellParameters, C: Array, turns: Turns) -> Equations:
-    at = np.setdiff1d(np.flatnonzero(turns.whole), problem.uncounted)
+    at = np.setdiff1d(np.flatnonzero(turns.whole), problem.unused)
     omega, D = earth_rate(problem, p)
     seconds, R = turns.seconds[at], turns.rotations[at]
     before, after = C[at], C[at + 1]

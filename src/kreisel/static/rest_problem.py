@@ -113,7 +113,7 @@ class RestProblem:
         Whether offsets are taken to be constant; otherwise they may walk.
     known
         What is known of the attitudes besides.
-    uncounted
+    unused
         Turns, by the standstill before each, that are not used: nothing counts them, or gyros were cut off.
     own_frame
         Whether b is the accelerometers' own frame; otherwise it is given by what is known of the attitudes.
@@ -126,7 +126,7 @@ class RestProblem:
     effects: tuple[str, ...] = ("gyro_g_sensitivity",)
     constant_offsets: bool = False
     known: tuple[Knowledge, ...] = ()
-    uncounted: tuple[int, ...] = ()
+    unused: tuple[int, ...] = ()
     own_frame: bool = True
 
     @property
@@ -215,9 +215,7 @@ class RestProblem:
     def part(self, keep: Indices) -> RestProblem:
         """Return the problem of some standstills in a row."""
         known, first = tuple(one.part(keep) for one in self.known), int(keep[0])
-        return replace(
-            self, rests=self.rests.part(keep), known=known, uncounted=tuple(m - first for m in self.uncounted)
-        )
+        return replace(self, rests=self.rests.part(keep), known=known, unused=tuple(m - first for m in self.unused))
 
     def changed(self, parameters: CellParameters, change: Array) -> CellParameters:
         """Return parameters moved by changes (P,) of the estimated ones."""

@@ -134,7 +134,7 @@ def with_method(
         return _without(chosen, cut_off(chosen.problem), _CUT_OFF)
     start = first_values(problem)
     lost, clipped = uncounted(problem, start.sensors), cut_off(problem)
-    known = replace(problem, uncounted=tuple(np.union1d(lost, clipped).tolist()))
+    known = replace(problem, unused=tuple(np.union1d(lost, clipped).tolist()))
     chosen = _by_hand(known, start, stated, squareness)
     return _without(_without(chosen, lost, _UNCOUNTED), clipped, _CUT_OFF)
 
@@ -143,9 +143,9 @@ def _without(chosen: Chosen, turns: Indices, said: str) -> Chosen:
     """Return a method without some turns, and with what is said of them."""
     if not turns.size:
         return chosen
-    left = tuple(np.union1d(chosen.problem.uncounted, turns).astype(int).tolist())
+    left = tuple(np.union1d(chosen.problem.unused, turns).astype(int).tolist())
     warning = DataWarning("turns", said.format(count=turns.size))
-    return replace(chosen, problem=replace(chosen.problem, uncounted=left), warnings=(*chosen.warnings, warning))
+    return replace(chosen, problem=replace(chosen.problem, unused=left), warnings=(*chosen.warnings, warning))
 
 
 def _by_hand(problem: RestProblem, start: CellParameters, stated: str | None, squareness: float) -> Chosen:

@@ -165,27 +165,25 @@ def concluded(
 
 def _skewed(chosen: Chosen, found: StaticEstimate, progress: Progress | None) -> tuple[Chosen, StaticEstimate]:
     """Return method and estimate with faces as far from right angles as gravity and gyros show them to be."""
+    stated, angle = None, 0.0
     for _ in range(_ROUNDS):
         faces = next((one for one in found.problem.known if isinstance(one, Faces)), None)
         if faces is None:
             break
-        angles = nuisance(found.parameters, "case", 6)[3:]
-        stated = found.problem.width[found.problem.layout["case"]][3:]
-        own = found.deviation[found.problem.layout["case"]][3:]
-        share = np.maximum(1.0 - (own / stated) ** 2, 1e-12)  # of the information that the data give
-        alone, far = (
-            np.abs(angles) / share,
-            float(np.max(np.abs(angles) / np.sqrt(share * own**2 + share**2 * stated**2))),
-        )
-        if far < _CONTRADICTED:
+        d = found.problem.layout["case"]
+        moved, own = np.abs(nuisance(found.parameters, "case", 6)[3:]), found.deviation[d][3:]
+        prior = found.problem.width[d][3:]
+        share = np.maximum(1.0 - (own / prior) ** 2, 1e-12)  # of the information that the data give
+        if np.max(moved / np.sqrt(share * own**2 + share**2 * prior**2)) < _CONTRADICTED:
             break
-        wider = replace(faces, squareness=float(np.max(alone)))
-        known = tuple(wider if one is faces else one for one in found.problem.known)
-        said = DataWarning("method", _NOT_SQUARE.format(angle=np.max(np.abs(alone)) / MRAD, stated=stated[0] / MRAD))
-        others = tuple(w for w in chosen.warnings if not w.message.startswith(_NOT_SQUARE[:20]))
-        chosen = replace(chosen, problem=replace(chosen.problem, known=known), warnings=(*others, said))
+        stated, angle = faces.squareness if stated is None else stated, float(np.max(moved / share))
+        known = tuple(replace(one, squareness=angle) if one is faces else one for one in found.problem.known)
+        chosen = replace(chosen, problem=replace(chosen.problem, known=known))
         found = estimate_static(chosen.problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
-    return chosen, found
+    if stated is None:
+        return chosen, found
+    said = DataWarning("method", _NOT_SQUARE.format(angle=angle / MRAD, stated=stated / MRAD))
+    return replace(chosen, warnings=(*chosen.warnings, said)), found
 
 
 def _check_axes(found: StaticEstimate) -> None:

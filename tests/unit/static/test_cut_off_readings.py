@@ -44,7 +44,7 @@ def test_turns_with_gyros_at_the_end_of_their_range_are_not_used(whole, from_all
     assert len(said) == 1
     assert "end of its range" in said[0]
     used = outcome.found.rows["turn"].node.size
-    assert 0 < len(outcome.found.problem.uncounted) == outcome.found.problem.rests.count - 1 - used
+    assert 0 < len(outcome.found.problem.unused) == outcome.found.problem.rests.count - 1 - used
     assert worst(outcome, from_all) < 3.0
 
 
