@@ -38,9 +38,6 @@ _JOINT = 3e-4
 """rad; largest rms of a joint's transmission error (harmonic and cycloidal gears: one to a few arc minutes peak)."""
 
 _SLOW = 16
-"""Half waves of a drift over the recording; a wave of a function has seven at most, three deviations from its mean."""
-
-_SLOW = 16
 """Half waves of a drift over a recording: more than the seven of the fastest wave (three deviations from the mean)."""
 
 _DEPENDENT = 1e-6
