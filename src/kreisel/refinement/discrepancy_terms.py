@@ -348,10 +348,19 @@ class DiscrepancyTerms:
         return replace(with_readings(problem, changed), reference=reference)
 
     def size(self, amplitudes: Array, family: int) -> float:
-        """Return the rms of what a family adds, over the recording: rad/s, m/s^2, m, rad or s."""
-        own = amplitudes[self.family == family]
-        components = 1 if self._families[family].paired else len(self._families[family].rows)
-        return float(np.sqrt(np.sum(own**2) / components))
+        """Return the rms of what a family adds, over the recording: rad/s, m/s^2, m, rad or s.
+
+        Functions depend on each other: what they add together is not the sum of their squares.
+        """
+        kind, own = self._families[family], amplitudes[self.family == family]
+        of_poses = kind.owner not in _SENSORS
+        count = self._recorded.reference.seconds.size if of_poses else self._grid.count
+        functions = self._functions[family](_some(count))
+        if kind.paired:
+            added = (functions * own).reshape(len(functions), len(kind.rows), -1).sum(axis=2)
+        else:
+            added = functions @ self._chosen(amplitudes, family).T
+        return float(np.sqrt(np.mean(added**2)))
 
     def _size(self, i: int) -> int:
         """Return the number of a family's terms."""

@@ -91,7 +91,11 @@ def test_a_term_is_the_mean_over_an_update_of_what_corrects_the_readings():
         update = problem.schedule.updates[k]
         mean = np.mean(added[update.first : update.last + 1, 0])
         assert found.functions[k, found.function[term]] == pytest.approx(mean, abs=0.15 * np.abs(added).max())
-    assert terms().size(2.0 * chosen, int(terms().family[term])) == pytest.approx(2.0 / 3**0.5)
+    family = int(terms().family[term])
+    assert terms().size(2.0 * chosen, family) == pytest.approx(2.0 / 3**0.5, rel=0.02)
+    every = np.where(terms().family == family, 1.0, 0.0)  # functions of one row that depend on each other
+    added = terms().corrected(problem, every).sensor.readings.accelerations - problem.sensor.readings.accelerations
+    assert terms().size(every, family) == pytest.approx(np.sqrt(np.mean(added**2)), rel=0.05)
 
 
 def test_readings_are_taken_together_over_a_short_time():
