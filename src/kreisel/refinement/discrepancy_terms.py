@@ -10,7 +10,7 @@ not linear.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
@@ -26,10 +26,8 @@ from kreisel.inertial.sensor_model import linear_columns
 from kreisel.model.problem import Problem, with_readings
 from kreisel.model.schedule import Schedule
 from kreisel.recording.recording import ReferencePoses
+from kreisel.refinement.sample_groups import STEP, SampleGroups, blocks
 from kreisel.robot import kinematics
-
-STEP = 0.02
-"""s; readings are averaged over so long before functions are formed of them."""
 
 WAVES = 8
 """Half waves of a function of time over the recording."""
@@ -45,9 +43,6 @@ _CLIP = 3.0
 
 _ENOUGH = 6000
 """Values by which a function is separated from the usual model."""
-
-_TOGETHER = 1 << 16
-"""Values of functions that are computed together."""
 
 _LEAST = 1e-3
 """Rms of a function, as a share, below which the usual model has all of it."""
@@ -201,12 +196,6 @@ def _some(count: int) -> Indices:
     return np.unique(np.linspace(0, count - 1, min(count, _ENOUGH)).astype(np.int64))
 
 
-def _blocks(count: int) -> Iterator[Indices]:
-    """Yield all numbers below `count`, some thousands at a time."""
-    for begin in range(0, count, _TOGETHER):
-        yield np.arange(begin, min(begin + _TOGETHER, count))
-
-
 def _polynomials(of: Callable[[Indices], Array], count: int, degree: int, alone: int = 0) -> _Basis:
     """Return products of quantities (n, k) up to a degree, and powers of each up to another.
 
@@ -277,7 +266,7 @@ class DiscrepancyTerms:
     """All families that a problem may have, with their functions, by its readings and poses as recorded."""
 
     def __init__(self, problem: Problem) -> None:
-        self._recorded, self._grid = problem, _Grid.of(problem.sensor.readings.stamps)
+        self._recorded, self._grid = problem, SampleGroups.of(problem.sensor.readings.stamps)
         self._families: list[Family] = []
         self._functions: list[_Functions] = []
         self._sensors(problem)
@@ -468,7 +457,7 @@ class DiscrepancyTerms:
         for i, family in enumerate(self._families):
             if family.owner == owner and amplitudes[self.family == i].any():
                 axes = [row - begin for row in family.rows]
-                for block in _blocks(self._grid.count):
+                for block in blocks(self._grid.count):
                     value = self._functions[i](block)
                     if family.paired:
                         own = amplitudes[self.family == i]
@@ -480,7 +469,7 @@ class DiscrepancyTerms:
 
     def _of_poses(self, amplitudes: Array, count: int) -> Array:
         """Return what the terms add to poses, (n, 6)."""
-        return np.concatenate([self._added(amplitudes, block) for block in _blocks(count)])
+        return np.concatenate([self._added(amplitudes, block) for block in blocks(count)])
 
     def _added(self, amplitudes: Array, which: Indices) -> Array:
         """Return what the terms add to some poses, (n, 6)."""
@@ -517,62 +506,6 @@ _SENSORS: dict[str, tuple[str, range, Sequence[str]]] = {
     ),
 }
 """By sensor: its offset, in which its terms enter, axis by axis, its rows, and what its error may depend on."""
-
-
-@dataclass(frozen=True)
-class _Grid:
-    """Samples in groups of about `STEP`.
-
-    Attributes
-    ----------
-    begin : (g,)
-        First sample of each group.
-    samples
-        Number of samples.
-    """
-
-    begin: Indices
-    samples: int
-
-    @classmethod
-    def of(cls, stamps: Array) -> _Grid:
-        """Return the groups of samples."""
-        width = max(1, round(STEP / float(np.median(np.diff(stamps)))))
-        return cls(np.arange(0, stamps.size, width), stamps.size)
-
-    @property
-    def count(self) -> int:
-        """Number of groups."""
-        return int(self.begin.size)
-
-    @property
-    def _ends(self) -> Indices:
-        return np.append(self.begin[1:], self.samples)
-
-    def average(self, values: Array) -> Array:
-        """Return the means of values (n, k) over the groups, (g, k)."""
-        return np.asarray(np.add.reduceat(values, self.begin, axis=0) / (self._ends - self.begin)[:, None])
-
-    def mean(self, functions: Callable[[Indices], Array], first: Indices, last: Indices) -> Array:
-        """Return the means of functions from samples `first` to `last`, (u, k)."""
-        edges = np.append(self.begin, self.samples).astype(float)
-        sums = np.zeros((self.count + 1, functions(np.zeros(1, dtype=np.int64)).shape[1]))
-        for block in _blocks(self.count):
-            added = functions(block) * np.diff(edges)[block, None]
-            sums[block + 1] = sums[block[0]] + np.cumsum(added, axis=0)
-
-        def until(sample: Indices) -> Array:
-            at = np.minimum(np.searchsorted(edges, sample, side="right") - 1, self.count - 1)
-            share = (sample - edges[at]) / (edges[at + 1] - edges[at])
-            return sums[at] + share[:, None] * (sums[at + 1] - sums[at])
-
-        return np.asarray((until(last) - until(first)) / np.maximum(last - first, 1)[:, None])
-
-    def at_samples(self, values: Array) -> Array:
-        """Return values (g, k) of the groups between their middles, (n, k)."""
-        middle = 0.5 * (self.begin + self._ends - 1)
-        every = np.arange(self.samples)
-        return np.stack([np.interp(every, middle, column) for column in values.T], axis=1)
 
 
 def _motion(reference: ReferencePoses, which: Indices) -> Array:

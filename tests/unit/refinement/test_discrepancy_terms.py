@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from kreisel.geometry.rotation import conjugate, log, matrix, multiply
-from kreisel.refinement.discrepancy_terms import STEP, DiscrepancyTerms
+from kreisel.refinement.discrepancy_terms import DiscrepancyTerms
+from kreisel.refinement.sample_groups import STEP
 
 from ...small_problem import camera_problem
 
