@@ -32,7 +32,7 @@ _MISFIT, _ODDS, _NOTHING = 3.5, 3.0, 1e4
 variance with which a row says nothing, over its own."""
 
 _FAR = 50.0
-"""Logarithm of a ratio of chances that is beyond doubt."""
+"""Logarithm of odds beyond which they count as certain."""
 
 CANDIDATES = (
     "gyro_polynomial", "gyro_asymmetry", "gyro_axis_smoothing", "gyro_temperature", "gyro_scale_temperature",
@@ -268,7 +268,7 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
 
 
 def _undecided(found: StaticEstimate, other: StaticEstimate) -> Array:
-    """Return what other effects would do to the parameters, (P, k), by the chance that these are the device's.
+    """Return what other effects would do to the parameters, (P, k), by the probability that these are the device's.
 
     The square of the first column is that of the change, of the others what they leave open beyond the estimate.
     """

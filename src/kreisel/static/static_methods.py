@@ -133,10 +133,8 @@ def with_method(
         chosen = _on_turntable(problem, table)
         return _without(chosen, cut_off(chosen.problem), _CUT_OFF)
     start = first_values(problem)
-    lost, clipped = uncounted(problem, start.sensors), cut_off(problem)
-    known = replace(problem, unused=tuple(np.union1d(lost, clipped).tolist()))
-    chosen = _by_hand(known, start, stated, squareness)
-    return _without(_without(chosen, lost, _UNCOUNTED), clipped, _CUT_OFF)
+    chosen = _without(_by_hand(problem, start, stated, squareness), uncounted(problem, start.sensors), _UNCOUNTED)
+    return _without(chosen, cut_off(problem), _CUT_OFF)
 
 
 def _without(chosen: Chosen, turns: Indices, said: str) -> Chosen:
