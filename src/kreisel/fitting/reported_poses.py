@@ -1,13 +1,13 @@
-"""Reported poses: motion at a time by them, and errors that any reference may have (scale, smoothing)."""
+"""Reported poses: motion at a time by them, and errors of any reference (scale, smoothing, an elastic mount)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from kreisel.geometry.interpolation import slerp
-from kreisel.geometry.rotation import Array, apply
+from kreisel.geometry.rotation import Array, Indices, apply, matrix
 from kreisel.inertial.sensor_model import correct_specific_force
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
@@ -17,6 +17,9 @@ from kreisel.recording.recording import ReferencePoses
 _WINDOW = 0.01
 """s; the angular acceleration is the change of the rate over so long before and after."""
 
+_ENOUGH = 1000
+"""Poses that show what a rigid mount would do. Chosen: a second apart in a recording of a quarter of an hour."""
+
 
 def pose_regressor(problem: Problem, known: CellParameters, updates: Sequence[Update], groups: Sequence[str]) -> Array:
     """Return the effect of groups on the poses of updates, (u, 6, e): the true poses less the reported.
@@ -25,7 +28,7 @@ def pose_regressor(problem: Problem, known: CellParameters, updates: Sequence[Up
 
     Notes
     -----
-    The two of equation (24). A pose that is averaged over a symmetric window of variance 2 kappa is the true one plus
+    Those of equation (24). A pose that is averaged over a symmetric window of variance 2 kappa is the true one plus
     kappa times its second derivative: of the position, and of the rotation vector away from it, to second order.
     """
     poses = np.array([update.pose for update in updates])
@@ -34,7 +37,7 @@ def pose_regressor(problem: Problem, known: CellParameters, updates: Sequence[Up
     return np.concatenate([np.zeros((poses.size, 6, 0)), *columns], axis=2)
 
 
-def _scale(problem: Problem, _known: CellParameters, _samples: Array, poses: Array) -> Array:
+def _scale(problem: Problem, _known: CellParameters, _samples: Indices, poses: Indices) -> Array:
     out = np.zeros((poses.size, 6, 1))
     positions = problem.reference.positions
     if positions is not None:
@@ -42,7 +45,7 @@ def _scale(problem: Problem, _known: CellParameters, _samples: Array, poses: Arr
     return out
 
 
-def _smoothing(problem: Problem, known: CellParameters, samples: Array, poses: Array) -> Array:
+def _smoothing(problem: Problem, known: CellParameters, samples: Indices, poses: Indices) -> Array:
     quaternions = problem.reference.quaternions
     if quaternions is None:
         return np.zeros((poses.size, 6, 1))
@@ -51,10 +54,67 @@ def _smoothing(problem: Problem, known: CellParameters, samples: Array, poses: A
     return np.hstack([-(apply(quaternions[poses], f_b) + gravity), -alpha_b])[:, :, None]
 
 
-_COLUMNS = {"position_scale": _scale, "reference_smoothing": _smoothing}
+def _bending(problem: Problem, known: CellParameters, samples: Indices, poses: Indices) -> Array:
+    def turns(f_b: Array, _C: Array) -> Array:
+        return np.einsum("ik,uj->uikj", np.eye(3), f_b).reshape(-1, 3, 9)
+
+    turn = _elastic(problem, known, (samples, poses), turns, lambda C: C.transpose(0, 2, 1))
+    return np.concatenate([np.zeros_like(turn), turn], axis=1)
 
 
-def _motion(problem: Problem, known: CellParameters, samples: Array) -> tuple[Array, Array]:
+def _deflection(problem: Problem, known: CellParameters, samples: Indices, poses: Indices) -> Array:
+    def shifts(f_b: Array, C: Array) -> Array:
+        return np.einsum("uik,uj->uikj", C, f_b).reshape(-1, 3, 9)
+
+    shift = _elastic(problem, known, (samples, poses), shifts, lambda C: C)
+    return np.concatenate([shift, np.zeros_like(shift)], axis=1)
+
+
+def _elastic(
+    problem: Problem,
+    known: CellParameters,
+    at: tuple[Indices, Indices],
+    columns: Callable[[Array, Array], Array],
+    of_frame: Callable[[Array], Array],
+) -> Array:
+    """Return columns (u, 3, 9) of an elastic mount, without what another rigid mount or frame would do.
+
+    So the other parameters are those of the rigid mount that fits best over the recording.
+
+    Parameters
+    ----------
+    at
+        Samples and poses of the updates, (u,) each.
+    columns
+        From specific forces of b (k, 3) and matrices of attitudes (k, 3, 3) to what units of the parameters do.
+    of_frame
+        From those matrices to what another frame does, (k, 3, 3).
+    """
+    reference, stamps = problem.reference, problem.sensor.readings.stamps
+    if reference.quaternions is None:
+        return np.zeros((at[0].size, 3, 9))
+    quaternions = reference.quaternions
+
+    def own_and_rigid(samples: Indices, poses: Indices) -> tuple[Array, Array]:
+        C = matrix(quaternions[poses])
+        rigid = np.concatenate([np.broadcast_to(np.eye(3), C.shape), of_frame(C)], axis=2)
+        return columns(_motion(problem, known, samples)[0], C), rigid
+
+    some = np.linspace(0, reference.seconds.size - 1, min(reference.seconds.size, _ENOUGH)).astype(np.int64)
+    then = np.searchsorted(stamps, known.clock.imu_time(reference.seconds[some]))
+    own, rigid = own_and_rigid(np.minimum(then, stamps.size - 1), some)
+    share = np.linalg.lstsq(rigid.reshape(-1, 6), own.reshape(-1, 9), rcond=None)[0]
+    own, rigid = own_and_rigid(*at)
+    return np.asarray(own - rigid @ share)
+
+
+_COLUMNS = {
+    "position_scale": _scale, "reference_smoothing": _smoothing, "mount_bending": _bending,
+    "mount_deflection": _deflection,
+}  # fmt: skip
+
+
+def _motion(problem: Problem, known: CellParameters, samples: Indices) -> tuple[Array, Array]:
     """Return the specific force and the angular acceleration of b, (u, 3) each, at samples."""
     readings, sensors = problem.sensor.readings, known.sensors
     width = max(1, round(_WINDOW / float(np.median(np.diff(readings.stamps[:1000])))))

@@ -299,6 +299,16 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         by_choice=True, shape=lambda _: (),
     ),
     ParameterGroup(
+        "mount_bending", "elastic mount, rad per m/s^2: rotation of b against the reported pose, times f", "B",
+        "reference", "reference.mount_bending", _matrix, "mrad/g", MRAD / STANDARD_GRAVITY, 2e-5,
+        known_before=True, by_choice=True, shape=lambda _: (3, 3),
+    ),
+    ParameterGroup(
+        "mount_deflection", "elastic mount, m per m/s^2: shift of b against the reported pose, times f", "D",
+        "reference", "reference.mount_deflection", _matrix, "mm/g", MM / STANDARD_GRAVITY, 2e-5,
+        known_before=True, by_choice=True, shape=lambda _: (3, 3),
+    ),
+    ParameterGroup(
         "robot_placement", "errors of the robot's joint placements: lengths and angles", "robot",
         "robot", "robot.placement", _placements, "mm, mrad", 1e-3, known_before=True,
     ),

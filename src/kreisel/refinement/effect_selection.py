@@ -58,7 +58,7 @@ def candidates(problem: Problem) -> tuple[str, ...]:
     """Return the effects that a problem may have beyond those that are in its state or fixed."""
     reference, order, out = problem.reference, problem.settings.polynomial_order, []
     for group in (*BY_CHOICE, *_POLYNOMIALS):
-        needs_positions = group in ("position_scale", *ROBOT_GROUPS) or group.startswith("accel")
+        needs_positions = group in ("position_scale", "mount_deflection", *ROBOT_GROUPS) or group.startswith("accel")
         possible = reference.positions is not None or not needs_positions
         possible &= reference.quaternions is not None or group not in POSE_GROUPS
         possible &= problem.robot is not None or group not in ROBOT_GROUPS

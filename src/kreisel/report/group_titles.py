@@ -29,6 +29,8 @@ TITLES = {
     "time_skew": "Ratio of the clocks",
     "position_scale": "Scale of the reference's positions",
     "reference_smoothing": "Smoothing of the reference's poses",
+    "mount_bending": "Bending of the mount",
+    "mount_deflection": "Deflection of the mount",
     "robot_placement": "Placement of robot joint",
     "robot_gears": "Gear of robot joint",
     "robot_compliance": "Sag of robot joint",

@@ -39,6 +39,7 @@ from kreisel.simulation.device_errors import (
     vibration,
     with_faults,
 )
+from kreisel.simulation.elastic_mount import ElasticMount
 from kreisel.simulation.free_path import FreePath, free_path
 from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, ideal_readings, stamped
 from kreisel.simulation.owner_statements import as_stated
@@ -71,6 +72,8 @@ class Truth:
         Reported positions are longer by this share.
     reference_smoothing
         Standard deviation of the window over which reported poses are averaged, s.
+    mount
+        What the mount gives way by.
     """
 
     sensors: SensorParameters
@@ -85,12 +88,13 @@ class Truth:
     slip: Slip | None = None
     position_scale: float = 0.0
     reference_smoothing: float = 0.0
+    mount: ElasticMount = field(default_factory=ElasticMount.rigid)
 
 
-_SAME_IN_ALL_RUNS = ("sensor", "effects", "arm", "site")
+_SAME_IN_ALL_RUNS = ("sensor", "effects", "arm", "site", "mount")
 """Streams of a cell that its recordings have in common: device, arm and place."""
 
-_OWN_OF_UNITS = ("sensor", "imu", "effects", "slip", "drift", "faults", "stamps", "own_clock")
+_OWN_OF_UNITS = ("sensor", "imu", "effects", "slip", "drift", "faults", "stamps", "own_clock", "mount")
 """Streams that every IMU on a tool has for itself; motion, arm, poses and vibration are those of all."""
 
 _UNITS = 1 << 24
@@ -122,6 +126,7 @@ class _Streams:
     stamps: np.random.Generator
     physics: np.random.Generator
     own_clock: np.random.Generator
+    mount: np.random.Generator
 
     @classmethod
     def of(cls, cell: Cell, trial: int | None, unit: int = 0) -> _Streams:
@@ -190,7 +195,9 @@ def simulate(
         f"imu{unit}",
     )
     say("move the IMU", 0.2)
-    motion = partial(_inertial_motion, cell, planned, actual, sway, gravity, earth)
+    mount, seconds = ElasticMount.draw(streams.mount, cell.imu), min(cell.seconds, planned.seconds)
+    rigid = partial(_inertial_motion, cell, planned, actual, sway, gravity, earth)
+    motion = mount.moved(rigid, partial(_attitude, cell, planned, actual), seconds)
     imu, change = _imu(cell, planned, motion, device, streams, path)
     say("report poses", 0.8)
     measure: Measure
@@ -207,7 +214,7 @@ def simulate(
     offset, skew = device.clock.against(int(reference.stamps_ns[0]), r.clock_offset, r.clock_drift_ppm * 1e-6)
     truth = Truth(
         device.sensors, offset, skew, gravity, earth, own, actual,
-        device.effects, change, device.slip, r.position_scale_ppm * 1e-6, r.smoothing,
+        device.effects, change, device.slip, r.position_scale_ppm * 1e-6, r.smoothing, mount,
     )  # fmt: skip
     return truth, as_stated(cell, nominal, Recording(path, imu, reference, joints))
 
@@ -379,11 +386,7 @@ def _inertial_motion(
     cell: Cell, planned: Plan | FreePath, actual: Arm, sway: Sway, gravity: Array, earth: Array, t: Array
 ) -> _Inertial:
     """Return inertial rate, its derivative and specific force (n, 3) of the tool, in b, at times (n,)."""
-    if isinstance(planned, FreePath):
-        tool = planned.at(t)
-    else:
-        motor, elastic = planned.at(t), swing(planned, t, cell.errors)
-        tool = kinematics.motion(actual, *(a + b for a, b in zip(motor, elastic, strict=True)))
+    tool = _tool(cell, planned, actual, t)
     _, velocity, acceleration = sway.at(planned, t)
     back = conjugate(tool.quaternions)
     earth_b = apply(back, np.broadcast_to(earth, tool.rates.shape))
@@ -392,6 +395,19 @@ def _inertial_motion(
     accelerations = tool.accelerations + acceleration
     force = apply(back, accelerations - gravity + 2.0 * np.cross(earth, tool.velocities + velocity))
     return omega, alpha, force
+
+
+def _tool(cell: Cell, planned: Plan | FreePath, actual: Arm, t: Array) -> kinematics.ToolMotion:
+    """Return the motion of the tool in the base's frame at times (n,)."""
+    if isinstance(planned, FreePath):
+        return planned.at(t)
+    motor, elastic = planned.at(t), swing(planned, t, cell.errors)
+    return kinematics.motion(actual, *(a + b for a, b in zip(motor, elastic, strict=True)))
+
+
+def _attitude(cell: Cell, planned: Plan | FreePath, actual: Arm, t: Array) -> Array:
+    """Return the attitude of the tool (n, 4) in the base's frame at times (n,)."""
+    return _tool(cell, planned, actual, t).quaternions
 
 
 def _ideal(
@@ -446,7 +462,12 @@ def write_truth(truth: Truth, file: Path) -> None:
         "time_skew": truth.time_skew,
         "gravity_in_base": truth.gravity_r.tolist(),
         "earth_rate_in_base": truth.earth_rate_r.tolist(),
-        "reference": {"position_scale": truth.position_scale, "smoothing": truth.reference_smoothing},
+        "reference": {
+            "position_scale": truth.position_scale,
+            "smoothing": truth.reference_smoothing,
+            "mount_bending": truth.mount.bending.tolist(),
+            "mount_deflection": truth.mount.deflection.tolist(),
+        },
         "robot": {
             "placement_error": truth.arm.placement.tolist(),
             "gear_eccentricity": truth.arm.eccentricity.tolist(),

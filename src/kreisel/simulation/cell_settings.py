@@ -183,6 +183,10 @@ class Imu(_Table):
     )  # fmt: skip
     gap: float = _key(0.0, "s without samples, once in the middle half", ge=0.0, le=600.0)
     slip_deg: float = _key(0.0, "the IMU turns in its mount by this, once in the middle half", ge=0.0, le=45.0)
+    mount_bending_sd: float = _key(
+        0.0, "elastic mount: rotation of the IMU for a specific force, rad per m/s^2", ge=0.0, le=1e-3
+    )
+    mount_deflection_sd: float = _key(0.0, "the same for its shift, m per m/s^2", ge=0.0, le=1e-3)
     stuck_share: float = _key(0.0, "share of samples that repeat the one before", ge=0.0, le=0.5)
     spike_share: float = _key(
         0.0, "share of samples one of whose readings is ten times as large as usual", ge=0.0, le=0.5

@@ -320,6 +320,14 @@ def _reference() -> tuple[_Effect, ...]:
             _sizes("reference", "smoothing", "ms", MS, 3, 10, 40), ("reference_smoothing",),
         ),
         _Effect(
+            "mount_bending", "the mount bends with the force",
+            _sizes("imu", "mount_bending_sd", "mrad/g", MRAD / STANDARD_GRAVITY, 0.05, 0.3, 2), ("mount_bending",),
+        ),
+        _Effect(
+            "mount_deflection", "the mount shifts with the force",
+            _sizes("imu", "mount_deflection_sd", "mm/g", MM / STANDARD_GRAVITY, 0.02, 0.1, 0.5), ("mount_deflection",),
+        ),
+        _Effect(
             "interpolated poses", "poses are interpolated between rarer ones",
             _sizes("reference", "interpolation", "ms", MS, 25, 60, 200), ("interpolated poses", "reference_smoothing"),
         ),

@@ -35,6 +35,7 @@ PROBLEMS = {
     "error terms": lambda: with_groups(small_problem(), EFFECTS),
     "coloured noise": lambda: with_correlation_time(small_problem(), 1.5),
     "errors of poses": lambda: with_groups(camera_problem(), ("position_scale", "reference_smoothing")),
+    "elastic mount": lambda: with_groups(camera_problem(), ("mount_bending", "mount_deflection")),
     "positions": lambda: positions_only(camera_problem()),
 }
 
