@@ -58,7 +58,7 @@ def _bending(problem: Problem, known: CellParameters, samples: Indices, poses: I
     def turns(f_b: Array, _C: Array) -> Array:
         return np.einsum("ik,uj->uikj", np.eye(3), f_b).reshape(-1, 3, 9)
 
-    turn = _elastic(problem, known, (samples, poses), turns, lambda C: C.transpose(0, 2, 1))
+    turn = _elastic(problem, known, (samples, poses), turns, lambda C: np.broadcast_to(np.eye(3), C.shape))
     return np.concatenate([np.zeros_like(turn), turn], axis=1)
 
 
@@ -66,7 +66,10 @@ def _deflection(problem: Problem, known: CellParameters, samples: Indices, poses
     def shifts(f_b: Array, C: Array) -> Array:
         return np.einsum("uik,uj->uikj", C, f_b).reshape(-1, 3, 9)
 
-    shift = _elastic(problem, known, (samples, poses), shifts, lambda C: C)
+    def rigid(C: Array) -> Array:
+        return np.concatenate([np.broadcast_to(np.eye(3), C.shape), C], axis=2)
+
+    shift = _elastic(problem, known, (samples, poses), shifts, rigid)
     return np.concatenate([shift, np.zeros_like(shift)], axis=1)
 
 
@@ -75,9 +78,9 @@ def _elastic(
     known: CellParameters,
     at: tuple[Indices, Indices],
     columns: Callable[[Array, Array], Array],
-    of_frame: Callable[[Array], Array],
+    rigid: Callable[[Array], Array],
 ) -> Array:
-    """Return columns (u, 3, 9) of an elastic mount, without what another rigid mount or frame would do.
+    """Return columns (u, 3, 9) of an elastic mount, without what another rigid mount or origin would do.
 
     So the other parameters are those of the rigid mount that fits best over the recording.
 
@@ -87,8 +90,8 @@ def _elastic(
         Samples and poses of the updates, (u,) each.
     columns
         From specific forces of b (k, 3) and matrices of attitudes (k, 3, 3) to what units of the parameters do.
-    of_frame
-        From those matrices to what another frame does, (k, 3, 3).
+    rigid
+        From those matrices to what units of another rigid mount or origin do, (k, 3, r).
     """
     reference, stamps = problem.reference, problem.sensor.readings.stamps
     if reference.quaternions is None:
@@ -97,15 +100,14 @@ def _elastic(
 
     def own_and_rigid(samples: Indices, poses: Indices) -> tuple[Array, Array]:
         C = matrix(quaternions[poses])
-        rigid = np.concatenate([np.broadcast_to(np.eye(3), C.shape), of_frame(C)], axis=2)
-        return columns(_motion(problem, known, samples)[0], C), rigid
+        return columns(_motion(problem, known, samples)[0], C), rigid(C)
 
     some = np.linspace(0, reference.seconds.size - 1, min(reference.seconds.size, _ENOUGH)).astype(np.int64)
     then = np.searchsorted(stamps, known.clock.imu_time(reference.seconds[some]))
-    own, rigid = own_and_rigid(np.minimum(then, stamps.size - 1), some)
-    share = np.linalg.lstsq(rigid.reshape(-1, 6), own.reshape(-1, 9), rcond=None)[0]
-    own, rigid = own_and_rigid(*at)
-    return np.asarray(own - rigid @ share)
+    own, fixed = own_and_rigid(np.minimum(then, stamps.size - 1), some)
+    share = np.linalg.lstsq(fixed.reshape(-1, fixed.shape[2]), own.reshape(-1, 9), rcond=None)[0]
+    own, fixed = own_and_rigid(*at)
+    return np.asarray(own - fixed @ share)
 
 
 _COLUMNS = {

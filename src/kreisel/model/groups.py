@@ -22,7 +22,7 @@ USUAL_SKEW = 0.012
 """Deviation of the ratio of clocks of usual devices: half of what is searched; see `synchronization.clock.MAX_SKEW`."""
 
 _NO_MEAN = 1e-6
-"""Variance left to a mean that is zero, relative: 1 us for delays. Chosen: small beside any use, far above rounding."""
+"""Variance left to a mean or a trace that is zero, relative: 1 us for delays. Chosen: small beside any use, far above rounding."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,8 @@ class ParameterGroup:
         Whether it is looked for only in devices whose grade has it.
     common_elsewhere
         Whether the mean of its parameters is a parameter of another group, so that their sum is zero.
+    traceless
+        Whether it is a matrix whose trace is zero.
     passing
         Whether it changes within seconds: it is a part of the noise, and not of the result.
     rotation
@@ -82,6 +84,7 @@ class ParameterGroup:
     by_choice: bool = False
     rare: bool = False
     common_elsewhere: bool = False
+    traceless: bool = False
     passing: bool = False
     rotation: bool = False
     shape: Callable[[int], tuple[int, ...]] | None = None
@@ -100,6 +103,9 @@ class ParameterGroup:
         shape = np.eye(count)
         if self.common_elsewhere and count > 1:
             shape -= (1.0 - _NO_MEAN) / count
+        if self.traceless:
+            of_trace = np.eye(3).ravel()
+            shape -= (1.0 - _NO_MEAN) / 3.0 * np.outer(of_trace, of_trace)
         return (sd or self.usual_sd or 1.0) ** 2 * shape
 
     def nominal(self, order: int, joints: int = 0) -> Array:
@@ -301,7 +307,7 @@ REGISTRY: tuple[ParameterGroup, ...] = (
     ParameterGroup(
         "mount_bending", "elastic mount, rad per m/s^2: rotation of b against the reported pose, times f", "B",
         "reference", "reference.mount_bending", _matrix, "mrad/g", MRAD / STANDARD_GRAVITY, 2e-5,
-        known_before=True, by_choice=True, shape=lambda _: (3, 3),
+        known_before=True, by_choice=True, shape=lambda _: (3, 3), traceless=True,
     ),
     ParameterGroup(
         "mount_deflection", "elastic mount, m per m/s^2: shift of b against the reported pose, times f", "D",

@@ -27,7 +27,8 @@ class ElasticMount:
     Attributes
     ----------
     bending : (3, 3)
-        Rotation for a specific force, rad per m/s^2, both along the axes of the tool.
+        Rotation for a specific force, rad per m/s^2, both along the axes of the tool. Its trace is zero: a compliance is
+        symmetric, and the torque of a force at an arm is across both.
     deflection : (3, 3)
         The same for the shift, m per m/s^2.
     """
@@ -44,23 +45,24 @@ class ElasticMount:
     def draw(cls, rng: np.random.Generator, imu: Imu) -> ElasticMount:
         """Return the mount of one device."""
         turn, shift = rng.normal(size=(2, 3, 3))
-        return cls(imu.mount_bending_sd * turn, imu.mount_deflection_sd * shift)
+        return cls(imu.mount_bending_sd * (turn - np.trace(turn) / 3.0 * np.eye(3)), imu.mount_deflection_sd * shift)
 
     def moved(self, of_tool: Motion, attitude: Callable[[Array], Array], seconds: float) -> Motion:
         """Return the motion of the IMU's frame, where that of the tool and its attitude (n, 4) are given.
 
-        Another rigid mount, base or origin is no part of it: the frame is the one that fits the tool best.
+        Another rigid mount or origin is no part of it: the frame is the one that fits the tool best.
         """
         if not (self.bending.any() or self.deflection.any()):
             return of_tool
         some = np.linspace(0.0, seconds, _ENOUGH)
-        turns, shifts = self._rigid_parts(of_tool(some)[2], matrix(attitude(some)))
+        force, C = of_tool(some)[2], matrix(attitude(some))
+        turned = force.mean(axis=0) @ self.bending.T
+        rigid = np.concatenate([np.broadcast_to(np.eye(3), C.shape), C], axis=2).reshape(-1, 6)
+        shifts = np.linalg.lstsq(rigid, np.einsum("nij,nj->ni", C, force @ self.deflection.T).ravel(), rcond=None)[0]
 
         def own(t: Array) -> tuple[Array, Array]:
-            force, C = of_tool(t)[2], matrix(attitude(t))
-            turn = force @ self.bending.T - turns[:3] - apply(conjugate(attitude(t)), turns[3:])
-            back = np.einsum("nji,j->ni", C, shifts[:3])
-            return turn, force @ self.deflection.T - back - shifts[3:]
+            force, back = of_tool(t)[2], conjugate(attitude(t))
+            return force @ self.bending.T - turned, force @ self.deflection.T - apply(back, shifts[:3]) - shifts[3:]
 
         def motion(t: Array) -> tuple[Array, Array, Array]:
             omega, alpha, force = of_tool(t)
@@ -77,12 +79,3 @@ class ElasticMount:
             return rate + turned, apply(back, alpha) + turning - np.cross(turned, rate), apply(back, force + relative)
 
         return motion
-
-    def _rigid_parts(self, force: Array, C: Array) -> tuple[Array, Array]:
-        """Return turns of another mount and base, and shifts of another origin and mount, (6,) each."""
-        unit = np.broadcast_to(np.eye(3), C.shape)
-        of_turn = np.concatenate([unit, C.transpose(0, 2, 1)], axis=2).reshape(-1, 6)
-        of_shift = np.concatenate([unit, C], axis=2).reshape(-1, 6)
-        shift = np.einsum("nij,nj->ni", C, force @ self.deflection.T)
-        turns = np.linalg.lstsq(of_turn, (force @ self.bending.T).ravel(), rcond=None)[0]
-        return turns, np.linalg.lstsq(of_shift, shift.ravel(), rcond=None)[0]
