@@ -76,6 +76,8 @@ class MeanMotion:
         [alpha x] + [omega x]^2.
     rate_slopes, force_slopes, field_slopes
         Their time derivatives.
+    force_curvatures : (m, 3)
+        Second derivatives of the forces.
     """
 
     width: int
@@ -86,6 +88,7 @@ class MeanMotion:
     rate_slopes: Array
     force_slopes: Array
     field_slopes: Array
+    force_curvatures: Array
 
     @classmethod
     def of(cls, motion: BodyMotion) -> MeanMotion:
@@ -94,7 +97,7 @@ class MeanMotion:
         field, slopes = motion.field, motion.cubics.slopes
         whole = (
             motion.seconds, motion.rates, motion.forces, field, motion.angular_accelerations, slopes(motion.forces),
-            slopes(field.reshape(-1, 9)).reshape(-1, 3, 3),
+            slopes(field.reshape(-1, 9)).reshape(-1, 3, 3), motion.cubics.curvatures(motion.forces),
         )  # fmt: skip
         return cls(width, *(averaged(part, width) for part in whole))
 

@@ -40,6 +40,7 @@ from kreisel.progress import Progress
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.synchronization.clock import Clock
 from kreisel.tasks import Executor, sequential
+from kreisel.units import STANDARD_GRAVITY
 from kreisel.validation.checks import check_streams
 
 _ROOM = 1 << 29
@@ -102,6 +103,7 @@ def calibrate_tray(
         farthest, mean = _without_farthest(tray, partial(run, settings=settings), error)
         odd[farthest] = np.inf
     unlike: set[str] = set()
+    restored: set[str] = set()
     while True:
         found = _fitted(tray, mean, progress, executor)
         apart = unlike.union(turned, odd)
@@ -118,10 +120,18 @@ def calibrate_tray(
             odd[out] = found.misfits[out]
         else:
             out = _odd_one(tray, found.roughness) or _clearest(tray, found, settings.fixed)
-            if out is None:
-                break
-            unlike.add(out)
-        tray.take_out(out)
+            if out is not None:
+                unlike.add(out)
+        if out is not None:
+            tray.take_out(out)
+        elif back := _blameless(tray, found, turned, odd) - restored:
+            restored |= back
+            for name in back:
+                tray.put_back(name)
+                turned.pop(name, None)
+                odd.pop(name, None)
+        else:
+            break
         mean = run(tray.mean_recording(), settings)
     odd = {name: found.misfits.get(name, own) for name, own in odd.items()}
     return _outcome(tray, mean, found, turned, odd, settings.fixed, executor)
@@ -196,6 +206,13 @@ def _odd_one(tray: _Tray, misfits: Mapping[str, float]) -> str | None:
     worst = max(rest, key=lambda name: rest[name])
     others = float(np.median([own for name, own in rest.items() if name != worst]))
     return worst if rest[worst] > max(_MISFIT, _ODD * others) else None
+
+
+def _blameless(tray: _Tray, found: _Fitted, turned: Mapping[str, Turn], odd: Mapping[str, float]) -> set[str]:
+    """Return units that were taken out and fit the others' motion: a worse one was in the mean they were judged by."""
+    usual = float(np.median([found.misfits[name] for name in tray.in_mean if name in found.misfits] or [np.inf]))
+    out = {name for name in {*turned, *odd} if name in found.fits and np.isfinite(odd.get(name, 0.0))}
+    return {name for name in out if name not in found.turns and found.misfits[name] <= max(_MISFIT, _ODD * usual)}
 
 
 def _turned_one(tray: _Tray, found: _Fitted, turned: Mapping[str, Turn]) -> str | None:
@@ -288,6 +305,11 @@ class _Tray:
         """Take a unit out of the mean."""
         self._mean.add(self.units[name], self.readings(name), -1.0)
         self.in_mean.discard(name)
+
+    def put_back(self, name: str) -> None:
+        """Put a unit that was taken out back into the mean."""
+        self._mean.add(self.units[name], self.readings(name))
+        self.in_mean.add(name)
 
     def farthest(self) -> str | None:
         """Return the unit whose rates, brought to the mean's axes, differ most from it over their noise; None of two.
@@ -507,7 +529,7 @@ def _outcome(
         fit, own, turn = found.fits[name], tray.recording(name), turns.get(name)
         spread = spread_of(fit, mean.calibration, seconds)
         verdict = _verdict(mean, turn, odd.get(name), _not_fixed(fit, fixed), sure=name in turned)
-        far = _far(fit, seconds)
+        far = (*_far(fit, seconds), *_bent(fit))
         calibration = unit_calibration(fit, mean.calibration, own, spread, verdict, (*own.warnings, *far), clock)
         return UnitOutcome(name, calibration, fit, shares[name], turn, far)
 
@@ -523,6 +545,19 @@ def _far(fit: UnitFit, seconds: float) -> tuple[DataWarning, ...]:
     if fit.far <= _HARDLY * seconds:
         return ()
     said = f"its readings differ grossly from the motion of the other units for {fit.far:.2g} s; these are not used"
+    return (DataWarning("unit", said),)
+
+
+def _bent(fit: UnitFit) -> tuple[DataWarning, ...]:
+    """Return the warning about a mount that bends."""
+    if not fit.bending.any():
+        return ()
+    most = np.unravel_index(int(np.argmax(np.abs(fit.bending))), fit.bending.shape)
+    size, sd = (1e3 * STANDARD_GRAVITY * values[most] for values in (np.abs(fit.bending), fit.bending_sd))
+    said = (
+        f"its mount bends by up to {size:.2g} ± {sd:.1g} mrad/g against the mean of the units; its parameters are "
+        "those at the mean force"
+    )
     return (DataWarning("unit", said),)
 
 

@@ -22,7 +22,10 @@ _PARTS_OF = {"accel_axis_delay": "accel_delay", "accel_axis_smoothing": "accel_s
 """Effects of each axis, and what they contain that is common to the axes: they are not estimated together."""
 
 PRODUCTS = "products of accelerations in the accelerometers"
-"""An effect that is looked for and cannot be estimated: that of a mount that bends under its load, for one."""
+"""An effect that is looked for and cannot be estimated."""
+
+BENDING, OF_BENDING = "mount_bending", 9
+"""An effect of a unit's mount, and its number of parameters."""
 
 _MOST = 4
 """Effects of one unit that are added at most. Chosen: no device in the robustness study has more."""
@@ -88,6 +91,24 @@ def shown_effects(
     if of_products.size and (last := weight(np.concatenate([base, drift, *places.values()]), of_products)) >= 1.0:
         found[PRODUCTS] = last
     return found
+
+
+def bending(axis: Array, turned: Array, load: Array, by: Array, load_changes: Array) -> Array:
+    """Return what a reading changes by for a mount that bends, (n, 9), by the entries of the bending.
+
+    Parameters
+    ----------
+    axis : (3,)
+        What the reading is of: a row of the inverse of K_omega or K_a.
+    turned : (n, 3)
+        Rates, or forces, which a turn of the unit turns.
+    load : (n, 3)
+        Force less its mean.
+    by : (3,), load_changes : (n, 3)
+        What a reading changes by for a rate of the unit, or an angular acceleration; that derivative of the force.
+    """
+    of_turn = np.cross(axis, turned)[:, :, None] * load[:, None, :] + by[:, None] * load_changes[:, None, :]
+    return np.asarray(of_turn.reshape(len(load), OF_BENDING))
 
 
 def limit(degrees: int) -> float:

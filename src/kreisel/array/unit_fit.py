@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.array.common_motion import BodyMotion, MeanMotion, MotionErrors, averaged
 from kreisel.array.resampled import Resampled, resampled
-from kreisel.array.unit_effects import candidates, products, shown_effects
+from kreisel.array.unit_effects import BENDING, OF_BENDING, bending, candidates, products, shown_effects
 from kreisel.errors import EstimationError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.correction import Block
@@ -78,6 +78,9 @@ class UnitFit:
         Rows in parts, for tests of their constancy.
     shown
         Effects that the readings show beyond those that were estimated, and by how much; see `shown_effects`.
+    bending, bending_sd : (3, 3)
+        Rotation of the unit against the mean of all for a force beyond the mean one, rad per m/s^2, and its deviation;
+        zero where readings show none.
     """
 
     sensors: SensorParameters
@@ -91,6 +94,8 @@ class UnitFit:
     excess: Array
     parts: RowParts
     shown: dict[str, float]
+    bending: Array
+    bending_sd: Array
 
 
 @dataclass(frozen=True)
@@ -171,7 +176,22 @@ def fit_unit(
     EstimationError
         If the readings do not determine the parameters.
     """
-    sensors, layout, mean, moved = start, _Layout.of(sizes), common.mean, True
+    fit = _fit(imu, clock, common, start, _Layout.of(sizes), usual_temperature)
+    if BENDING not in fit.shown:
+        return fit
+    return _fit(imu, fit.clock, common, fit.sensors, _Layout.of(sizes, bends=True), usual_temperature)
+
+
+def _fit(
+    imu: ImuSamples,
+    clock: Clock,
+    common: Common,
+    start: SensorParameters,
+    layout: _Layout,
+    usual_temperature: float | None,
+) -> UnitFit:
+    """Return the parameters of a unit; see `fit_unit`."""
+    sensors, mean, moved = start, common.mean, True
     seconds = common.motion.seconds
     for number in range(_ROUNDS):
         if moved:
@@ -184,7 +204,8 @@ def fit_unit(
         moved = float(np.abs(solved.change[-2:]).max()) > _SAME_MOMENT
         sensors = layout.moved(sensors, solved.change)
         clock = _clock_moved(clock, mean.seconds, solved.change[-2:])
-        if np.all(np.abs(solved.change) <= _SETTLED * np.sqrt(np.diag(np.linalg.inv(solved.information)))):
+        settled = np.abs(solved.change) <= _SETTLED * np.sqrt(np.diag(np.linalg.inv(solved.information)))
+        if np.delete(settled, layout.bending).all():
             break
     J = layout.as_parameters(sensors)
     factor = _excess(solved, mean.row)
@@ -204,6 +225,7 @@ def fit_unit(
         factor,
         _parts(solved, mean, sensors),
         _shown(averaged(raw, _COARSE), averaged(whole.astype(float), _COARSE) == 1.0, common.coarse, sensors, layout),
+        *(layout.as_matrix(values) for values in (solved.change, np.sqrt(np.diag(P)))),
     )
 
 
@@ -215,20 +237,30 @@ def _mean_readings(readings: Resampled, width: int) -> tuple[Array, Mask]:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where parameters stand: for each axis of the gyros g_j, k_j; of the accelerometers s_j, k_j, r_j; effects; clock.
+    """Where parameters stand: of gyro axes g_j, k_j; of accelerometers s_j, k_j, r_j; effects; bending; clock.
 
     g_j and s_j are rows of the inverses of K_omega and K_a: readings are linear in them.
     """
 
     sizes: Mapping[str, int]
+    bends: bool = False
 
     @classmethod
-    def of(cls, sizes: Mapping[str, int]) -> _Layout:
-        return cls({group: sizes[group] for group in EFFECTS if group in sizes})
+    def of(cls, sizes: Mapping[str, int], *, bends: bool = False) -> _Layout:
+        return cls({group: sizes[group] for group in EFFECTS if group in sizes}, bends)
+
+    @property
+    def bending(self) -> Indices:
+        """Where the parameters of a mount that bends stand; none if it does not."""
+        return 33 + sum(self.sizes.values()) + np.arange(OF_BENDING if self.bends else 0)
 
     @property
     def count(self) -> int:
-        return 12 + 21 + sum(self.sizes.values()) + 2
+        return 33 + sum(self.sizes.values()) + self.bending.size + 2
+
+    def as_matrix(self, values: Array) -> Array:
+        """Return those of all values (p,) that are of the bending, (3, 3)."""
+        return values[self.bending].reshape(3, 3) if self.bends else np.zeros((3, 3))
 
     def begin(self, sensor: str) -> int:
         """Return where the effects of a sensor begin."""
@@ -255,7 +287,8 @@ class _Layout:
             for group in groups_of(self.sizes, sensor):
                 order = 1 + self.sizes[group] // 3 if group.endswith("polynomial") else 1
                 effects += parameter_names(group, order)
-        return (*NAMES, *effects, "clock.shift", "clock.stretch")
+        bent = [f"mount.bending[{i},{j}]" for i in range(3) for j in range(3)] if self.bends else []
+        return (*NAMES, *effects, *bent, "clock.shift", "clock.stretch")
 
     def values(self, p: SensorParameters, sensor: str) -> Array:
         """Return the values of a sensor's effects, flat."""
@@ -329,7 +362,7 @@ def _shown(
 ) -> dict[str, float]:  # fmt: skip
     """Return the effects that a unit's readings show beyond those of the layout; features are of mean readings."""
     more = candidates(layout.sizes)
-    wide = _Layout.of({**layout.sizes, **more})
+    wide = _Layout.of({**layout.sizes, **more}, bends=True)
     cubics = local_cubics(mean.seconds, mean.row)
     G, S = _inverse(p.K_omega), _inverse(p.K_a)
     readings = RawReadings(
@@ -338,7 +371,7 @@ def _shown(
     )  # fmt: skip
     # temperatures are not in the means, and their effects are in what is left
     features = {sensor: features_of(readings, wide.sizes, sensor).T for sensor in ("gyroscope", "accelerometer")}
-    places = {group: wide.places[group] for group in more}
+    places = {group: wide.places[group] for group in more} | ({} if layout.bends else {BENDING: wide.bending})
     base = np.setdiff1d(np.arange(wide.count), np.concatenate([np.zeros(0, dtype=np.int64), *places.values()]))
     axes, count = _rows(raw, features, mean, p, wide), wide.count
     late = (mean.seconds - mean.seconds[0]) / float(mean.seconds[-1] - mean.seconds[0])
@@ -391,6 +424,7 @@ def _rows(
     middle = 0.5 * (mean.seconds[0] + mean.seconds[-1])
     along = (mean.seconds - middle) / (0.5 * float(mean.seconds[-1] - mean.seconds[0]))
     one, clock, out = -np.ones((m, 1)), np.array([layout.count - 2, layout.count - 1]), []
+    load = mean.forces - mean.forces.mean(axis=0)
     for k in range(6):
         sensor, j = ("gyroscope", "accelerometer")[k // 3], k % 3
         places, values = places_of(layout.sizes, sensor), layout.values(p, sensor)
@@ -403,10 +437,18 @@ def _rows(
             at = mean.forces + mean.field @ p.lever_arms[j]
             by_arm = np.swapaxes(mean.field, 1, 2) @ S[j]
             first, begin = np.hstack([at, one, by_arm]), 12 + np.arange(7 * j, 7 * j + 7)
+        bent = np.zeros((m, 0))
+        if layout.bends:
+            turns = (
+                (G[j], mean.rates, load, G[j], mean.force_slopes)
+                if k < 3
+                else (S[j], mean.forces, load, np.cross(p.lever_arms[j], S[j]), mean.force_curvatures)
+            )
+            bent = bending(*turns)
         out.append(
             _Axis(
-                np.hstack([first, -of_effects, late]),
-                np.concatenate([begin, layout.begin(sensor) + places[own, j], clock]),
+                np.hstack([first, -of_effects, bent, late]),
+                np.concatenate([begin, layout.begin(sensor) + places[own, j], layout.bending, clock]),
                 raw[:, k] - predicted[sensor][:, j] + of_effects @ values[places[own, j]],
             )
         )

@@ -22,7 +22,8 @@ USUAL_SKEW = 0.012
 """Deviation of the ratio of clocks of usual devices: half of what is searched; see `synchronization.clock.MAX_SKEW`."""
 
 _NO_MEAN = 1e-6
-"""Variance left to a mean or a trace that is zero, relative: 1 us for delays. Chosen: small beside any use, far above rounding."""
+"""Variance left to a mean or a trace that is zero, relative: 1 us for delays. Chosen: small beside any use, far above
+rounding."""
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ class ElasticMount:
     Attributes
     ----------
     bending : (3, 3)
-        Rotation for a specific force, rad per m/s^2, both along the axes of the tool. Its trace is zero: a compliance is
-        symmetric, and the torque of a force at an arm is across both.
+        Rotation for a specific force, rad per m/s^2, both along the axes of the tool. Its trace is zero: a compliance
+        is symmetric, and the torque of a force at an arm is across both.
     deflection : (3, 3)
         The same for the shift, m per m/s^2.
     """

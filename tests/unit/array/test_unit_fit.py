@@ -15,6 +15,7 @@ from kreisel.errors import EstimationError, SynchronizationError
 from kreisel.geometry.rotation import exp, from_matrix, log, matrix
 from kreisel.inertial.correction import Block
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.simulation.elastic_mount import ElasticMount
 from kreisel.simulation.imu import ideal_readings
 from kreisel.synchronization.clock import Clock
 
@@ -118,6 +119,34 @@ def test_a_turn_on_the_mount_is_found_and_nothing_else_is_taken_for_one(cell):
         imu, accelerations=imu.accelerations + 0.02 * late[:, None], rates=imu.rates + 1e-3 * late[:, None]
     )
     assert turn_of(fitted(cell, jumped).parts) is None
+
+
+def test_a_mount_that_bends_is_found_and_does_no_harm(cell):
+    """The bent motion is that of the virtual cell, by differences of its path."""
+    _, unit, (own, *_), folder = cell
+    rng = np.random.default_rng(3)
+    position, attitude = shaken(rng, SECONDS)
+    mount = ElasticMount(np.array([[0.0, 1.0, -0.5], [-1.0, 0.3, 0.2], [0.4, 0.0, -0.3]]) * 1e-5, np.zeros((3, 3)))
+
+    def of_tool(t):
+        (before, _), (rates, forces), (after, _) = (
+            readings_at(position, attitude, np.zeros(3), np.eye(3), t + step) for step in (-1e-3, 0.0, 1e-3)
+        )
+        return rates, (after - before) / 2e-3, forces
+
+    w, alpha, f = mount.moved(of_tool, attitude, SECONDS)(own)
+    rates, forces = ideal_readings(w, alpha, f, unit)
+    rates = rates + 3e-4 * rng.normal(size=rates.shape)
+    fit = fitted(cell, recorded(own, rates, forces + 3e-3 * rng.normal(size=forces.shape), folder, drift=2e-5))
+    assert np.abs((fit.bending - mount.bending) / fit.bending_sd).max() < 4.0
+    assert fit.bending_sd.max() < 1e-5
+    score = (vector_of(fit.sensors) - vector_of(unit)) / np.sqrt(np.diag(fit.covariance))[:33]
+    assert np.abs(score).max() < 4.0
+    assert turn_of(fit.parts) is None
+    rigid = fitted(cell, imu_of(cell, np.random.default_rng(1), 3e-4))
+    assert not rigid.bending.any()
+    assert "mount.bending[0,1]" in fit.names
+    assert "mount.bending[0,1]" not in rigid.names
 
 
 def test_a_motion_about_one_axis_does_not_determine_a_unit(cell, tmp_path):
