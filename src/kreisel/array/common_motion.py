@@ -46,14 +46,8 @@ class BodyMotion:
 
     @cached_property
     def field(self) -> Array:
-        """[alpha x] + [omega x]^2, (n, 3, 3), 1/s^2: by how much the force grows with the distance."""
-        alpha, square = self.angular_accelerations, np.sum(self.rates**2, axis=1)
-        out = self.rates[:, :, None] * self.rates[:, None, :]
-        for k, (row, column) in enumerate(((2, 1), (0, 2), (1, 0))):
-            out[:, k, k] -= square
-            out[:, row, column] += alpha[:, k]
-            out[:, column, row] -= alpha[:, k]
-        return np.asarray(out)
+        """See `grown_by`."""
+        return grown_by(self.rates, self.angular_accelerations)
 
     @classmethod
     def of(cls, raw: Block, sensors: SensorParameters) -> BodyMotion:
@@ -110,6 +104,17 @@ class MeanMotion:
     def row(self) -> float:
         """Seconds of a row."""
         return float(np.median(np.diff(self.seconds)))
+
+
+def grown_by(rates: Array, alpha: Array) -> Array:
+    """Return [alpha x] + [omega x]^2, (n, 3, 3), 1/s^2: by how much the force grows with the distance."""
+    square = np.sum(rates**2, axis=1)
+    out = rates[:, :, None] * rates[:, None, :]
+    for k, (row, column) in enumerate(((2, 1), (0, 2), (1, 0))):
+        out[:, k, k] -= square
+        out[:, row, column] += alpha[:, k]
+        out[:, column, row] -= alpha[:, k]
+    return np.asarray(out)
 
 
 def averaged(values: Array, width: int) -> Array:

@@ -1,9 +1,10 @@
 """The mean of several IMUs on one body, in the axes of one of them: a less noisy IMU that anything can calibrate.
 
-Each unit's readings are brought to those of the base unit by a fixed matrix and offset, found by least squares. The
-matrices need not be exact: whatever they are, their sum is an instrument with a scale, offsets and positions of its
-own. With weights by the units' noise the mean holds all that their readings say of the common motion, and its noise is
-independent of that of a unit's difference from it.
+Each unit's readings are brought to those of the base unit by a fixed matrix and offset, found by least squares in which
+the units' places are free. The matrices need not be exact: small errors of theirs are a scale, offsets and positions of
+the mean's own. Large ones would not be: each unit brings forces of another place with it. With weights by the units'
+noise the mean holds all that their readings say of the common motion, and its noise is independent of that of a unit's
+difference from it.
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kreisel.array.common_motion import averaged, grown_by
 from kreisel.array.resampled import Resampled, white_noise
 from kreisel.errors import SynchronizationError
 from kreisel.geometry.rotation import Array, Mask
+from kreisel.inertial.slopes import local_cubics, usual_interval
 from kreisel.preparation.imu_noise import noise_stated
 from kreisel.recording.location import is_table
 from kreisel.recording.recording import ImuSamples, Recording
@@ -25,6 +28,17 @@ from kreisel.synchronization.clock import Clock
 MIN_EXPLAINED = 0.8
 """Share of the base unit's change of rate that another unit's readings explain, below which it does not move with it.
 Chosen: noise of the cheapest gyros at the slowest motion of an arm takes a tenth of it."""
+
+
+_ROW = 0.1
+"""Seconds over which readings are averaged before one unit's are fitted to another's. Chosen: noise and vibration of
+what explains would pull matrices towards zero, and an arm's motion changes little in less."""
+
+_FEW = 20
+"""Rows that are enough to compare units by. Chosen: ten unknowns, twice."""
+
+_FAR = 0.3
+"""m; between units, as a prior. Chosen: the length of a tray."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +72,38 @@ class Aligned:
         )
 
 
-def align(name: str, imu: ImuSamples, clock: Clock, readings: Resampled, base: Resampled) -> Aligned:
+@dataclass(frozen=True)
+class BaseRows:
+    """Means of the base unit's readings over rows of some samples, which other units are compared with.
+
+    Attributes
+    ----------
+    width
+        Samples of a row.
+    known : (n,)
+        Which samples there are.
+    rates, forces : (m, 3)
+    field : (m, 3, 3)
+        [alpha x] + [omega x]^2, 1/s^2: by how much the force grows with the distance.
+    """
+
+    width: int
+    known: Mask
+    rates: Array
+    forces: Array
+    field: Array
+
+    @classmethod
+    def of(cls, readings: Resampled, seconds: Array) -> BaseRows:
+        """Return the means of readings at times (n,)."""
+        interval = usual_interval(seconds)
+        width = max(1, round(_ROW / interval))
+        slopes = local_cubics(seconds, interval).slopes(readings.rates)
+        rates, forces, alpha = (averaged(values, width) for values in (readings.rates, readings.forces, slopes))
+        return cls(width, readings.known, rates, forces, grown_by(rates, alpha))
+
+
+def align(name: str, imu: ImuSamples, clock: Clock, readings: Resampled, base: BaseRows) -> Aligned:
     """Return how a unit's readings are brought to the base unit's.
 
     readings: those of `imu` at the times of the base unit's.
@@ -68,16 +113,20 @@ def align(name: str, imu: ImuSamples, clock: Clock, readings: Resampled, base: R
     SynchronizationError
         If they explain too little of them.
     """
-    both = readings.known & base.known
-    if int(both.sum()) < 100:
+    known = averaged((readings.known & base.known).astype(float), base.width) == 1.0
+    both = known.copy()  # a slope next to what is not known is none
+    both[1:] &= known[:-1]
+    both[:-1] &= known[1:]
+    if int(both.sum()) < _FEW:
         raise SynchronizationError("has hardly any readings at the times of the other units")
-    gyro, explained = _linear(readings.rates[both], base.rates[both])
+    rates, forces = (averaged(values, base.width)[both] for values in (readings.rates, readings.forces))
+    gyro, explained = _linear(rates, base.rates[both])
     if not explained >= MIN_EXPLAINED:
         raise SynchronizationError(
             f"its rates explain {100.0 * max(explained, 0.0):.0f} % of the other units' changes of rate, expected "
             f"{100.0 * MIN_EXPLAINED:.0f} % or more: it did not move with them, or its readings are wrong"
         )
-    accel, _ = _linear(readings.forces[both], base.forces[both])
+    accel = _placed(forces, base.forces[both], base.field[both])
     noise = [
         float(np.sqrt(imu.interval * np.mean((part[:, :3] @ white_noise(own)) ** 2)))
         for part, own in ((gyro, imu.rates), (accel, imu.accelerations))
@@ -94,6 +143,21 @@ def _linear(x: Array, y: Array) -> tuple[Array, float]:
     return np.column_stack([matrix, centre_y - matrix @ centre_x]), 1.0 - left
 
 
+def _placed(x: Array, y: Array, field: Array) -> Array:
+    """Return matrix and offset (3, 4) that bring forces x (n, 3) to those of another place, y; field: (n, 3, 3).
+
+    The distance is free for each axis of y, within some decimetres.
+    """
+    out, one = _linear(x, y)[0], np.ones((len(x), 1))
+    noise = np.mean((y - x @ out[:, :3].T - out[:, 3]) ** 2, axis=0)
+    for j in range(3):
+        columns = np.hstack([x, one, field[:, j]])
+        A, b = columns.T @ columns, columns.T @ y[:, j]
+        A[4:, 4:] += noise[j] / _FAR**2 * np.eye(3)
+        out[j] = np.linalg.lstsq(A, b, rcond=None)[0][:4]
+    return out
+
+
 class MeanImu:
     """Sums of the readings of units that are brought to a base unit; units can be taken out again."""
 
@@ -103,6 +167,7 @@ class MeanImu:
         self._weights = np.zeros((n, 2))
         self._warmth = np.zeros(n)
         self._warm: Array = np.zeros(n)
+        self._units = self._thermometers = 0.0
         self._squares = np.zeros(2)
         self._whole = np.zeros(2)
 
@@ -115,9 +180,11 @@ class MeanImu:
         self._weights += own
         self._squares += sign * weights**2
         self._whole += weights
+        self._units += sign
         if readings.temperature is not None:
             self._warmth += sign * readings.known * readings.temperature
             self._warm += sign * readings.known
+            self._thermometers += sign
 
     @property
     def gain(self) -> Array:
@@ -132,7 +199,8 @@ class MeanImu:
             known[: whole[0]] = known[whole[-1] + 1 :] = False
         rates, forces = (self._sums[known, 3 * k : 3 * k + 3] / self._weights[known, k, None] for k in (0, 1))
         warm = self._warm[known]
-        temperature = self._warmth[known] / warm if warm.size and (warm > 0.0).all() else None
+        all_warm = self._units == self._thermometers > 0.0 and (warm > 0.0).all()  # coefficients are of all units
+        temperature = self._warmth[known] / warm if all_warm else None
         own = base.imu.source
         source = own.parent.parent / "mean" / "data.csv" if is_table(own) else base.path / "mean"
         imu = ImuSamples(base.imu.stamps_ns[known], rates, forces, source, temperature=temperature)

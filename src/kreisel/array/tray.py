@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from kreisel.array.left_out import in_words, reason_of
-from kreisel.array.mean_imu import Aligned, MeanImu, align, gains_of
+from kreisel.array.mean_imu import Aligned, BaseRows, MeanImu, align, gains_of
 from kreisel.array.mount_watch import Turn, turn_of
 from kreisel.array.resampled import Resampled, resampled
 from kreisel.array.tray_outcome import TrayOutcome, UnitOutcome
@@ -28,8 +27,6 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Verdict
 from kreisel.errors import KreiselError, RecordingError, SettingsError
-from kreisel.formats.folder import is_folder
-from kreisel.formats.imus import imu_reader
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block
 from kreisel.inertial.effects import EFFECTS
@@ -41,7 +38,6 @@ from kreisel.recording.recording import DataWarning, Recording
 from kreisel.synchronization.clock import Clock
 from kreisel.tasks import Executor, sequential
 from kreisel.units import STANDARD_GRAVITY
-from kreisel.validation.checks import check_streams
 
 _ROOM = 1 << 29
 """Bytes of readings that are kept; others are read again. Chosen: sixteen units of an hour, or 50 of ten minutes."""
@@ -57,9 +53,13 @@ _MISFIT, _ODD = 1.7, 1.4
 those of the other units. Chosen: without a fault it is 0.9 for each unit, and one at fault in four has three times as
 much as the others."""
 
+_CLEAR = 2.3
+"""The same, from which a unit with moments that are far off errs at others too. Chosen: bursts of vibration leave 2.1
+at most, and a jump of an offset makes 2.6."""
+
 _WHOLE = 0.98
-"""Share of the recording that the readings of a unit of the mean cover, over that of most units. Chosen: where a unit
-begins or ends, the mean changes by its lever arms, which is no motion."""
+"""Share of the recording that the readings of a unit of the mean cover, over that of most units, and those of the base
+unit over the longest. Chosen: where a unit begins or ends, the mean changes by its lever arms, which is no motion."""
 
 _HARDLY = 1e-4
 """Share of a recording up to which readings that are far off are not worth a word."""
@@ -81,7 +81,7 @@ def calibrate_tray(
     Parameters
     ----------
     read
-        Returns the recording with the readings of one IMU; see `unit_reader`.
+        Returns the recording with the readings of one IMU; see `unit_readings.unit_reader`.
     names
         Of the IMUs; the reference and what is stated of it are those of the first one's recording.
     progress
@@ -113,13 +113,13 @@ def calibrate_tray(
             if other.verdict.accepted or not mean.verdict.accepted:
                 settings, mean = more, other
                 continue
-        out = _odd_one(tray, found.misfits) or _turned_one(tray, found, turned)
+        out, rough = _odd_one(tray, found.misfits) or _turned_one(tray, found, turned), _odd_one(tray, found.roughness)
         if out in found.turns:
             turned[out] = found.turns[out]
-        elif out is not None:
+        elif out is not None and out != rough:
             odd[out] = found.misfits[out]
         else:
-            out = _odd_one(tray, found.roughness) or _clearest(tray, found, settings.fixed)
+            out = rough or _clearest(tray, found, settings.fixed)
             if out is not None:
                 unlike.add(out)
         if out is not None:
@@ -133,6 +133,7 @@ def calibrate_tray(
         else:
             break
         mean = run(tray.mean_recording(), settings)
+    odd |= {name: found.misfits[name] for name in unlike if found.misfits.get(name, 0.0) > _CLEAR}
     odd = {name: found.misfits.get(name, own) for name, own in odd.items()}
     return _outcome(tray, mean, found, turned, odd, settings.fixed, executor)
 
@@ -166,9 +167,14 @@ def _together(read: _Kept, names: Sequence[str], progress: Progress | None, exec
     errors: list[KreiselError] = []
     for k in range(max(1, min(BASES, len(names) - 1))):
         try:
-            return _Tray.of(read, [*names[k:], *names[:k]], progress, executor)
+            tray = _Tray.of(read, [*names[k:], *names[:k]], progress, executor)
         except KreiselError as error:
             errors.append(error)
+            continue
+        longest = max(tray.units, key=tray.seconds)  # what the base unit did not see counts for none
+        if tray.base_seconds >= _WHOLE * tray.seconds(longest):
+            return tray
+        return _Tray.of(read, [longest, *(name for name in names if name != longest)], progress, executor)
     raise errors[0]
 
 
@@ -280,11 +286,12 @@ class _Tray:
         units: dict[str, Aligned] = {}
         left_out: dict[str, str] = {}
         own = resampled(base.imu, Clock(0.0), times)
+        rows = BaseRows.of(own, times)
         for group in _groups(names):
             if progress is not None:
                 progress("bring units together", names.index(group[0]) / len(names))
             for name, found in zip(
-                group, executor([partial(_brought, read, names[0], own, name) for name in group]), strict=True
+                group, executor([partial(_brought, read, names[0], (own, rows), name) for name in group]), strict=True
             ):
                 if isinstance(found, str):
                     left_out[name] = found
@@ -296,6 +303,15 @@ class _Tray:
                 f"no other IMU moves with {names[0]}: {in_words(left_out)}; choose one with --imu", file=base.path
             )
         return cls(read, base, units, left_out, mean)
+
+    @property
+    def base_seconds(self) -> float:
+        """Length of the base unit's readings, s."""
+        return float(self.base.imu.seconds[-1])
+
+    def seconds(self, name: str) -> float:
+        """Return the length of a unit's readings, s."""
+        return float(self.recording(name).imu.seconds[-1])
 
     def readings(self, name: str) -> Resampled:
         """Return a unit's readings at the base unit's times."""
@@ -343,60 +359,6 @@ class _Tray:
         names = sorted(self.in_mean)
         shares = dict(zip(names, gains_of([self.units[name] for name in names]), strict=True))
         return {name: shares.get(name, np.zeros(2)) for name in self.units}
-
-
-def first_readable(
-    read: Callable[[str], Recording], path: Path, names: Sequence[str], unread: dict[str, str]
-) -> tuple[Recording, Sequence[str]]:
-    """Return the recording with the first IMU that can be read, and the names from it on.
-
-    Parameters
-    ----------
-    read
-        Returns the recording with the readings of one IMU.
-    unread
-        Filled with the reasons why those before it cannot be read.
-
-    Raises
-    ------
-    KreiselError
-        If none or only the last one can be read, or something else in a folder cannot.
-    """
-    for k, name in enumerate(names[:-1]):
-        try:
-            return read(name), names[k:]
-        except KreiselError as error:
-            if is_folder(path) and name not in Path(getattr(error, "file", None) or "").parts:
-                raise
-            unread[name] = reason_of(error)
-    read(names[-1])
-    raise RecordingError(
-        f"of its {len(names)} IMUs only {names[-1]} can be read, expected two or more; `kreisel calibrate --imu "
-        f"{names[-1]}` calibrates it alone",
-        file=path,
-    )
-
-
-def unit_reader(base: Recording, first: str) -> Callable[[str], Recording]:
-    """Return what reads the recordings of single IMUs of a recording, with the reference of the first one's.
-
-    Its function raises a RecordingError if readings cannot be read, or are not possible.
-
-    Parameters
-    ----------
-    base, first
-        The recording with the readings of the first IMU, and the name of this IMU.
-    """
-    read_imu = imu_reader(base.path)
-
-    def read(name: str) -> Recording:
-        if name == first:
-            return base
-        imu, warnings = read_imu(name)
-        alone = Recording(base.path, imu, None, settings=base.settings.of_imu(name), warnings=warnings)
-        return replace(check_streams(alone), reference=base.reference, joints=base.joints, urdf=base.urdf)
-
-    return read
 
 
 @dataclass(frozen=True)
@@ -462,7 +424,9 @@ def _groups(names: Sequence[str]) -> Iterator[Sequence[str]]:
     return (names[k : k + _TOGETHER] for k in range(0, len(names), _TOGETHER))
 
 
-def _brought(read: _Kept, first: str, own: Resampled, name: str) -> tuple[Aligned, Resampled] | str:
+def _brought(
+    read: _Kept, first: str, of_base: tuple[Resampled, BaseRows], name: str
+) -> tuple[Aligned, Resampled] | str:
     """Return how a unit is brought to the base unit's readings, and those that are; or why it cannot be.
 
     Raises
@@ -474,8 +438,8 @@ def _brought(read: _Kept, first: str, own: Resampled, name: str) -> tuple[Aligne
     try:
         imu = base if alone else read(name).imu
         clock = Clock(0.0) if alone else clock_of(imu, base, first)
-        readings = own if alone else resampled(imu, clock, base.seconds, smooth=True)
-        return align(name, imu, clock, readings, own), readings
+        readings = of_base[0] if alone else resampled(imu, clock, base.seconds, smooth=True)
+        return align(name, imu, clock, readings, of_base[1]), readings
     except KreiselError as error:
         if alone:
             raise

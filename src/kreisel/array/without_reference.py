@@ -46,7 +46,7 @@ def locate(
     Parameters
     ----------
     read
-        Returns the recording with the readings of one IMU; see `tray.unit_reader`.
+        Returns the recording with the readings of one IMU; see `unit_readings.unit_reader`.
 
     Raises
     ------

@@ -28,7 +28,8 @@ def calibrate_units(job: Job, settings: CalibrationSettings, results: Path, *, v
     validate
         Whether the mean is cross-validated.
     """
-    from kreisel.array.tray import calibrate_tray, first_readable, unit_reader
+    from kreisel.array.tray import calibrate_tray
+    from kreisel.array.unit_readings import first_readable, unit_reader
     from kreisel.formats.loading import load
 
     base: Recording | None = None

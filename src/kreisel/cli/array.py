@@ -27,7 +27,7 @@ def array(
     import json as as_json
     from dataclasses import replace
 
-    from kreisel.array.tray import first_readable, unit_reader
+    from kreisel.array.unit_readings import first_readable, unit_reader
     from kreisel.array.without_reference import locate
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar

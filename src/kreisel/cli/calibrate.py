@@ -207,7 +207,7 @@ def _all_units(
     names, (inject, validate, as_json) = imus_in(path, imu), options
     if len(names) < 2 and imu is None:
         return False
-    from kreisel.array.tray import first_readable
+    from kreisel.array.unit_readings import first_readable
     from kreisel.cli.tray import calibrate_units
 
     if inject:

@@ -62,7 +62,7 @@ def info(
 
 def _facts_of_units(facts: dict[str, Any], base: Recording, names: tuple[str, ...]) -> dict[str, Any]:
     """Return the facts of a recording of several IMUs: those of each IMU by its name, and those of the first one."""
-    from kreisel.array.tray import unit_reader
+    from kreisel.array.unit_readings import unit_reader
     from kreisel.errors import KreiselError
 
     of_imus, findings, read = {names[0]: facts["imu"]}, list(facts["findings"]), unit_reader(base, names[0])

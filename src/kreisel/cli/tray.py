@@ -27,7 +27,8 @@ def calibrate_units(
     import json
     from dataclasses import replace
 
-    from kreisel.array.tray import calibrate_tray, unit_reader
+    from kreisel.array.tray import calibrate_tray
+    from kreisel.array.unit_readings import unit_reader
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads, releasing_memory
     from kreisel.formats.folder import is_folder
