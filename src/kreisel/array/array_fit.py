@@ -9,7 +9,7 @@ difference of its rates from the mean, along the angular acceleration.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +21,24 @@ _JERK, _ANGULAR_JERK = 5e3, 6e4
 """m/s^3 and rad/s^3: usual sizes of what changes within a sample, as a prior. Chosen: those of the quickest shaking by
 hand."""
 
-_PRIORS = {"position": 1.0, "turn": 1e-2, "arm": 1e-3, "matrix": 2e-3, "offset": 5e-2, "lag": 5e-3, "smoothing": 3e-5}
+_PRIORS = {
+    "position": 1.0,
+    "turn": 1e-2,
+    "arm": 1e-3,
+    "matrix": 2e-3,
+    "offset": 5e-2,
+    "lag": 5e-3,
+    "smoothing": 3e-5,
+    "rate": 1e-3,
+}
 """Standard deviations: position (m), turn against the first estimate (rad), position of one accelerometer against that
 of its IMU (m), matrix, change of the offset since the standstills and half its drift (m/s^2), delay of the
-accelerometers against the gyros (s), smoothing beyond the gyros' (s^2). The offset's: 5 mg, by which inexpensive units
-drift when they warm up."""
+accelerometers against the gyros (s), smoothing beyond the gyros' (s^2), mean offset of the gyros since the standstills
+(rad/s). The offsets': 5 mg and 200 deg/h, by which inexpensive units drift when they warm up."""
+
+_UNKNOWN = {"offset": 0.6, "matrix": 5e-2, "rate": 0.1}
+"""The same of an IMU that is not calibrated by standstills: those of usual devices, see `model.groups`; where none is,
+the gyros' offsets are what they show in the quietest second, in a hand."""
 
 _PASSES, _ROBUST = 12, 3
 """Passes, and the one from which samples count by Student's distribution."""
@@ -83,8 +96,8 @@ class ArrayFit:
 class _Layout:
     """Where the parameters stand: position and turn of the further IMUs; arms, matrix, offsets of each; common ones."""
 
-    def __init__(self, count: int, gyro: Array) -> None:
-        self.count = count
+    def __init__(self, gyro: Array, calibrated: Sequence[bool]) -> None:
+        self.count = count = len(calibrated)
         at = 3 * (count - 1)
         self.position = [slice(3 * (k - 1), 3 * k) if k else None for k in range(count)]
         self.turn = [slice(at + 3 * (k - 1), at + 3 * k) if k else None for k in range(count)]
@@ -95,12 +108,17 @@ class _Layout:
         at += 9 * count
         self.offset = [slice(at + 6 * k, at + 6 * k + 6) for k in range(count)]
         at += 6 * count
-        self.gyro, self.lag, self.smoothing = slice(at, at + 9), at + 9, at + 10
-        self.size = at + 11
+        self.gyro, self.lag, self.smoothing, self.rate = slice(at, at + 9), at + 9, at + 10, slice(at + 11, at + 14)
+        self.size = at + 14
         sizes = [3 * (count - 1), 3 * (count - 1), 9 * count, 9 * count, 6 * count]
         names = ("position", "turn", "arm", "matrix", "offset")
         own = np.repeat([_PRIORS[name] for name in names], sizes)
-        self.deviations = np.concatenate([own, gyro, [_PRIORS["lag"], _PRIORS["smoothing"]]])
+        rate = (_UNKNOWN if not any(calibrated) else _PRIORS)["rate"]
+        self.deviations = np.concatenate([own, gyro, [_PRIORS["lag"], _PRIORS["smoothing"], *[rate] * 3]])
+        for k in np.flatnonzero(~np.array(calibrated)):
+            self.deviations[self.offset[k].start : self.offset[k].start + 3] = _UNKNOWN["offset"]
+            for own_matrix in self.matrix[k]:
+                self.deviations[own_matrix] = _UNKNOWN["matrix"]
 
     def arm_of(self, theta: Array, k: int, j: int) -> Array:
         """Return the position of accelerometer j of IMU k."""
@@ -134,12 +152,17 @@ class _Sums:
     squares: Array
 
 
-def fit_array(motion: HandMotion, gyro_deviation: Array) -> ArrayFit:
+def fit_array(motion: HandMotion, gyro_deviation: Array, calibrated: Sequence[bool]) -> ArrayFit:
     """Return where the IMUs lie.
 
-    gyro_deviation: (9,), of the entries of the gyros' mean matrix.
+    Parameters
+    ----------
+    gyro_deviation : (9,)
+        Of the entries of the gyros' mean matrix.
+    calibrated
+        Whether each IMU's readings are corrected by what its standstills show.
     """
-    layout = _Layout(len(motion.axes), gyro_deviation)
+    layout = _Layout(gyro_deviation, calibrated)
     theta, prior = np.zeros(layout.size), np.diag(layout.deviations**-2)
     alpha, variance = motion.slope.copy(), 1.0
     weights: Array = np.ones(motion.seconds.size)
@@ -301,7 +324,7 @@ def _rows(
     motion: HandMotion, layout: _Layout, theta: Array, alpha: Array, delays: Array, part: slice, *, changing: bool
 ) -> tuple[Array, Array, Array]:
     """Return what every sample's unknowns, the motion, and the parameters do to ideal accelerometers."""
-    mean = motion.mean[part] @ (np.eye(3) + theta[layout.gyro].reshape(3, 3)).T
+    mean = motion.mean[part] @ (np.eye(3) + theta[layout.gyro].reshape(3, 3)).T + theta[layout.rate]
     samples = mean.shape[0]
     H = np.zeros((samples, 3 * layout.count, 12 if changing else 6))
     J = np.zeros((samples, 3 * layout.count, layout.size))
@@ -331,4 +354,5 @@ def _rows(
             J[:, row, layout.lag] = np.sum(by_rate * alpha, axis=1)
             J[:, row, layout.gyro] = (by_rate[:, :, None] * omega[:, None, :]).reshape(samples, 9)
             J[:, row, layout.smoothing] = bent @ r
+            J[:, row, layout.rate] = by_rate
     return H, known, J

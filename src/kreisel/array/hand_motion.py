@@ -64,7 +64,7 @@ class HandMotion:
 
 
 def corrected_readings(imu: ImuSamples, sensors: SensorParameters) -> ImuSamples:
-    """Return readings with offset and matrix applied; clipped samples keep their equal values, so that they show."""
+    """Return readings with offset and matrix applied."""
     rates = (imu.rates + sensors.k_w[0]) @ sensors.K_omega.T
     return ImuSamples(
         imu.stamps_ns, rates, (imu.accelerations + sensors.k_a[0]) @ sensors.K_a.T, imu.source
@@ -92,7 +92,10 @@ def hand_motion(
     """
     times = imus[0].seconds
     ready = [corrected_readings(imu, own) for imu, own in zip(imus, sensors, strict=True)]
-    found = [clocks[0], *(_clock(imu, clock, ready[0]) for imu, clock in zip(ready[1:], clocks[1:], strict=True))]
+    found = list(clocks)
+    for k in range(1, len(imus)):
+        within = _within((imus[0], imus[k]), (clocks[0], clocks[k]), (unclipped[0], unclipped[k]), times)
+        found[k] = _clock(ready[k], clocks[k], ready[0], within)
     parts = [resampled(imu, clock, times) for imu, clock in zip(ready, found, strict=True)]
     known = np.logical_and.reduce([_within(imus, found, unclipped, times), *(part.known for part in parts)])
     base = parts[0].rates
@@ -137,11 +140,15 @@ def _within(
     return out
 
 
-def _clock(imu: ImuSamples, clock: Clock, base: ImuSamples) -> Clock:
-    """Return the clock of an IMU against the first one, from corrected readings of both; `clock` to milliseconds."""
+def _clock(imu: ImuSamples, clock: Clock, base: ImuSamples, within: Mask) -> Clock:
+    """Return the clock of an IMU against the first one, from corrected readings of both; `clock` to milliseconds.
+
+    within: (n,), samples of the base at which both are within their ranges.
+    """
     seen = resampled(imu, clock, base.seconds)
-    turn = nearest_rotation(base.rates[seen.known].T @ seen.rates[seen.known])
-    return refined_clock(replace(imu, rates=imu.rates @ turn.T), clock, base).clock
+    used = seen.known & within
+    turn = nearest_rotation(base.rates[used].T @ seen.rates[used])
+    return refined_clock(replace(imu, rates=imu.rates @ turn.T), clock, base, within).clock
 
 
 def matrix_deviation(calibrations: Sequence[Calibration | None], usual: float, common: float) -> Array:

@@ -79,7 +79,7 @@ def clipped_samples(values: Array) -> Mask:
     """Return which samples of a triad (n, 3) lie at the end of its range, (n,)."""
     out = np.zeros(len(values), dtype=bool)
     for column in np.abs(values).T:
-        at_end = column >= column.max() * (1.0 - 1e-12)
+        at_end = (column >= column.max() * (1.0 - 1e-12)) & (np.ptp(column) > 0.0)  # a dead one has no range
         runs = at_end[2:] & at_end[1:-1] & at_end[:-2]
         if int(at_end.sum()) >= _CLIPPED and runs.any():
             out |= at_end

@@ -34,6 +34,9 @@ _NOT_LINEAR, _INEXPENSIVE = 1e-3, 1e-5
 noise density, rad/s/sqrt(Hz), from which gyros count as such. Chosen: data sheets of consumer gyros state a largest
 deviation from a line of 0.1 to 0.2 % of the range; its rms is about half of that."""
 
+_FEWEST_RESTS = 4
+"""Standstills by which axes are compared. Chosen: three would leave no scatter to judge by."""
+
 _CLIPPED_SHARE = 0.9995
 """Share of the largest reading from which a sample counts as clipped, where some are."""
 
@@ -106,7 +109,9 @@ def _concluded(
 ) -> ArrayOutcome:  # fmt: skip
     noise = high_frequency_density(imus[0].rates, imus[0].interval)
     common = _NOT_LINEAR if float(np.sqrt(np.mean(noise**2))) > _INEXPENSIVE else 0.0
-    fit = fit_array(motion, matrix_deviation([member.calibration for member in members], _UNKNOWN_MATRIX, common))
+    calibrations = [member.calibration for member in members]
+    deviation = matrix_deviation(calibrations, _UNKNOWN_MATRIX, common)
+    fit = fit_array(motion, deviation, [calibration is not None for calibration in calibrations])
     poses, clocks = {}, {}
     turned = rest_rotations(members, imus, motion.clocks)
     for k, member in enumerate(members):
@@ -132,11 +137,15 @@ def rest_rotations(
         return {}
     rests = find_rests(imus[0])
     spans = imus[0].seconds[rests.first], imus[0].seconds[rests.last - 1]
-    base, out = _means(members[0].calibration, imus[0], *spans), {}
+    of_base, out = _means(members[0].calibration, imus[0], *spans), {}
     for k, (member, imu, clock) in enumerate(zip(members, imus, clocks, strict=True)):
         if k == 0 or member.calibration is None:
             continue
-        own = _means(member.calibration, imu, *(clock.reference_time(span) for span in spans))
+        begin, end = (clock.reference_time(span) for span in spans)
+        there = (begin >= imu.seconds[0]) & (end <= imu.seconds[-1])
+        if int(there.sum()) < _FEWEST_RESTS:
+            continue
+        base, own = of_base[there], _means(member.calibration, imu, begin[there], end[there])
         C = nearest_rotation(base.T @ own)
         u = base / np.linalg.norm(base, axis=1)[:, None]
         left = (base - own @ C.T) / np.linalg.norm(base, axis=1)[:, None]
@@ -184,9 +193,9 @@ def _sensors(member: ArrayMember, imu: ImuSamples) -> SensorParameters:
 
 
 def _clipped(imu: ImuSamples) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Return which samples (n,) of an IMU are at the end of the range of a triad, where some are."""
+    """Return which samples (n,) of an IMU have an axis at the end of its range, where some are."""
     out = np.zeros(imu.stamps_ns.size, dtype=bool)
-    for values in (imu.rates, imu.accelerations):
-        if clipped_samples(values).any():
-            out |= (np.abs(values) >= _CLIPPED_SHARE * np.abs(values).max()).any(axis=1)
+    for column in np.hstack([imu.rates, imu.accelerations]).T:
+        if clipped_samples(column[:, None]).any():
+            out |= np.abs(column) >= _CLIPPED_SHARE * np.abs(column).max()
     return out

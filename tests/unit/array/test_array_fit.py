@@ -47,7 +47,7 @@ def found_of(imus, gyro=1e-6):
     clocks = [Clock(1e-3 * (k > 0)) for k in range(len(imus))]
     good = [np.ones(imu.stamps_ns.size, bool) for imu in imus]
     motion = hand_motion(imus, [SensorParameters.ideal()] * len(imus), clocks, good)
-    return fit_array(motion, np.full(9, gyro)), motion
+    return fit_array(motion, np.full(9, gyro), [True] * len(motion.axes)), motion
 
 
 @pytest.mark.parametrize("count", [2, 4])
