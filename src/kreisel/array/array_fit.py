@@ -46,6 +46,10 @@ _PASSES, _ROBUST = 12, 3
 _STUDENT = 3.0
 """Degrees of freedom of that distribution. Chosen: heavy tails of motion by hand."""
 
+_BAD = 2.0
+"""Noise of a unit's readings, over that of most units, from which they count less. Chosen: like units differ by a
+tenth."""
+
 _ENOUGH = 4
 """IMUs from which on accelerometers alone determine the angular acceleration."""
 
@@ -150,6 +154,7 @@ class _Sums:
     score: Array
     of_blocks: Array
     squares: Array
+    of_units: Array
 
 
 def fit_array(motion: HandMotion, gyro_deviation: Array, calibrated: Sequence[bool]) -> ArrayFit:
@@ -166,6 +171,7 @@ def fit_array(motion: HandMotion, gyro_deviation: Array, calibrated: Sequence[bo
     theta, prior = np.zeros(layout.size), np.diag(layout.deviations**-2)
     alpha, variance = motion.slope.copy(), 1.0
     weights: Array = np.ones(motion.seconds.size)
+    trust = _trust_again(np.median(np.sum(np.diff(motion.forces, 3, axis=1) ** 2, axis=2), axis=1))  # one may vibrate
     rates, spread = _own_moments(motion)
     differences = _differences(motion)
     for number in range(_PASSES):
@@ -174,14 +180,22 @@ def fit_array(motion: HandMotion, gyro_deviation: Array, calibrated: Sequence[bo
             share = np.sum(alpha**2, axis=1) + (rates / spread) ** 2
             delays = np.einsum("kmj,mj->km", differences, alpha) / share
             delays -= delays.mean(axis=0)
-        sums = _pass(motion, layout, theta, alpha, delays, weights / variance, variance, number)
+        sums = _pass(motion, layout, theta, alpha, delays, weights / variance, variance, number, trust)
         theta = theta + _inverse(sums.information, layout.deviations) @ (sums.score - prior @ theta)
         own = sums.squares
         if number >= _ROBUST:
             weights = (_STUDENT + 1.0) / (_STUDENT + own / variance)
+            trust = trust * _trust_again(sums.of_units)
         variance = float(np.average(own, weights=weights))
     covariance = _covariance(sums, layout.deviations)
     return _concluded(motion, layout, theta, covariance, float(np.sqrt(variance)), spread)
+
+
+def _trust_again(squares: Array) -> Array:
+    """Return factors (N,) on the readings of units by squares of their noise: less than one for bad ones."""
+    rms = np.sqrt(squares)
+    ratio = rms / float(np.median(rms))
+    return np.where(ratio > _BAD, 1.0 / ratio, 1.0)
 
 
 def _inverse(information: Array, deviations: Array) -> Array:
@@ -254,17 +268,20 @@ def _own_moments(motion: HandMotion) -> tuple[float, float]:
 
 def _pass(
     motion: HandMotion, layout: _Layout, theta: Array, alpha: Array, delays: Array, weights: Array, variance: float,
-    number: int,
+    number: int, trust: Array,
 ) -> _Sums:  # fmt: skip
-    """Return sums over all samples; `alpha` becomes what they show."""
+    """Return sums over all samples; `alpha` becomes what they show. trust: (N,), factors on the readings of units."""
     n, p = motion.seconds.size, layout.size
     block = np.floor((motion.seconds - motion.seconds[0]) / _BLOCK).astype(int)
-    sums = _Sums(np.zeros((p, p)), np.zeros(p), np.zeros((int(block[-1]) + 1, p)), np.zeros(n))
+    sums = _Sums(
+        np.zeros((p, p)), np.zeros(p), np.zeros((int(block[-1]) + 1, p)), np.zeros(n), np.zeros(layout.count)
+    )  # fmt: skip
     changing = number > 1 and layout.count >= _CHANGING and bool(delays.any())
-    mixed = layout.mixing(theta)
+    mixed = trust[:, None, None] * layout.mixing(theta)
     for part in _chunks(n):
         ideal, known, J = _rows(motion, layout, theta, alpha[part], delays[:, part], part, changing=changing)
-        H, y = _mixed(mixed, ideal), _readings(motion, part) - _mixed(mixed, known[..., None])[..., 0]
+        H, y = _mixed(mixed, ideal), np.repeat(trust, 3) * _readings(motion, part)
+        y -= _mixed(mixed, known[..., None])[..., 0]
         if number == 0:  # the angular acceleration is taken as known
             y, H = y - (H[:, :, 3:] @ alpha[part][..., None])[..., 0], H[:, :, :3]
         N, b = np.swapaxes(H, 1, 2) @ H, np.swapaxes(H, 1, 2) @ y[..., None]
@@ -288,6 +305,7 @@ def _pass(
         sums.score += scores.sum(axis=0)
         np.add.at(sums.of_blocks, block[part], scores)
         rows = 3 * layout.count
+        sums.of_units += np.sum(left**2, axis=0).reshape(-1, 3).sum(axis=1)
         sums.squares[part] = np.mean(left**2, axis=1) * rows / (rows - min(9, rows - 1))
     return sums
 

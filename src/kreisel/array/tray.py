@@ -64,6 +64,10 @@ unit over the longest. Chosen: where a unit begins or ends, the mean changes by 
 _HARDLY = 1e-4
 """Share of a recording up to which readings that are far off are not worth a word."""
 
+_OFTEN = 0.1
+"""The same from which they are a reason against a unit. Chosen: bursts, spikes and lost contacts are rarer; what errs
+more often errs as the motion does."""
+
 _NEEDED = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
 
 
@@ -492,7 +496,8 @@ def _outcome(
     def concluded(name: str) -> UnitOutcome:
         fit, own, turn = found.fits[name], tray.recording(name), turns.get(name)
         spread = spread_of(fit, mean.calibration, seconds)
-        verdict = _verdict(mean, turn, odd.get(name), _not_fixed(fit, fixed), sure=name in turned)
+        share = fit.far / seconds
+        verdict = _verdict(mean, turn, odd.get(name), _not_fixed(fit, fixed), sure=name in turned, far=share)
         far = (*_far(fit, seconds), *_bent(fit))
         calibration = unit_calibration(fit, mean.calibration, own, spread, verdict, (*own.warnings, *far), clock)
         return UnitOutcome(name, calibration, fit, shares[name], turn, far)
@@ -525,7 +530,9 @@ def _bent(fit: UnitFit) -> tuple[DataWarning, ...]:
     return (DataWarning("unit", said),)
 
 
-def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, shown: Collection[str], *, sure: bool) -> Verdict:
+def _verdict(
+    mean: Outcome, turn: Turn | None, odd: float | None, shown: Collection[str], *, sure: bool, far: float
+) -> Verdict:
     """Return the verdict of a unit: that of the mean, and against one that turned, does not fit, or shows an effect.
 
     Parameters
@@ -536,6 +543,8 @@ def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, shown: Collect
         Effects that its readings show and that are not estimated: they cannot be, or the mean is rejected with them.
     sure
         Whether it was this unit that turned, and not the other one.
+    far
+        Share of the recording in which its readings are far off.
     """
     verdict = mean.verdict
     if turn is not None:
@@ -550,6 +559,11 @@ def _verdict(mean: Outcome, turn: Turn | None, odd: float | None, shown: Collect
         reason = (
             f"its readings differ from the motion of the other units by {odd:.2g} times what its noise explains; check "
             "its mount, its clock and its connection"
+        )
+    elif far > _OFTEN:
+        reason = (
+            f"its readings differ grossly from the motion of the other units for {100.0 * far:.0f} % of the recording; "
+            "check its range, its mount and its connection"
         )
     elif shown:
         reason = (

@@ -83,6 +83,9 @@ def unit_calibration(
     """
     of_mean = spread.by_mean @ mean.covariance @ spread.by_mean.T
     covariance = of_mean + spread.own
+    if "timing.offset" in mean.names:  # the mean's stamps are those of no unit
+        row = mean.names.index("timing.offset")
+        covariance[row, row] += own.imu.lateness**2
     deviation = dict(zip(mean.names, np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
     sensors = fit.sensors
     sd = _sensor_deviations(sensors, deviation)

@@ -215,7 +215,7 @@ def _fit(
     half = 0.5 * float(mean.seconds[-1] - mean.seconds[0])
     return UnitFit(
         sensors,
-        replace(clock, start_sd=float(np.hypot(*deviation)), skew_sd=float(deviation[1]) / half),
+        replace(clock, start_sd=float(np.linalg.norm([*deviation, imu.lateness])), skew_sd=float(deviation[1]) / half),
         layout.names,
         J @ P @ J.T,
         J @ by_motion,

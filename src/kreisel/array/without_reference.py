@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,12 @@ from kreisel.array.array_fit import fit_array
 from kreisel.array.array_outcome import ArrayMember, ArrayOutcome
 from kreisel.array.hand_motion import HandMotion, hand_motion, matrix_deviation
 from kreisel.array.left_out import in_words, reason_of
+from kreisel.array.mean_imu import MIN_EXPLAINED
 from kreisel.array.relative_pose import RelativePose
-from kreisel.array.resampled import clipped_samples
+from kreisel.array.resampled import clipped_samples, resampled
 from kreisel.array.unit_clock import BASES, clock_of
 from kreisel.calibration.result import Calibration
-from kreisel.errors import KreiselError, RecordingError
+from kreisel.errors import KreiselError, RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, nearest_rotation
 from kreisel.inertial.noise_figures import high_frequency_density
 from kreisel.inertial.sensor_model import SensorParameters
@@ -93,7 +95,9 @@ def _together(
         for name in (*names[k + 1 :], *names[:k]):
             try:
                 recording = read(name)
-                found[name] = (recording, clock_of(recording.imu, base.imu, first))
+                clock = clock_of(recording.imu, base.imu, first)
+                _check_turn(recording.imu, clock, base.imu, first)
+                found[name] = (recording, clock)
             except KreiselError as error:
                 left_out[name] = reason_of(error)
         if len(found) > 1:
@@ -101,6 +105,25 @@ def _together(
         reasons = in_words(left_out) or "there is one IMU only"
         errors.append(RecordingError(f"no two IMUs that move together: {reasons}", file=base.path))
     raise errors[0]
+
+
+def _check_turn(imu: ImuSamples, clock: Clock, base: ImuSamples, name: str) -> None:
+    """Check that an IMU's rates are those of the base, turned.
+
+    Raises
+    ------
+    SynchronizationError
+        If they are not: its columns are not those of a triad.
+    """
+    seen = resampled(imu, clock, base.seconds)
+    own, other = (rates[seen.known] - rates[seen.known].mean(axis=0) for rates in (seen.rates, base.rates))
+    left = other - own @ nearest_rotation(other.T @ own).T
+    share = 1.0 - float(np.sum(left**2)) / max(float(np.sum(other**2)), 1e-300)
+    if not share >= MIN_EXPLAINED:
+        raise SynchronizationError(
+            f"its rates are not those of {name}, turned: of one of the two a column is in another place, has another "
+            "sign, or reads wrong"
+        )
 
 
 def _concluded(
@@ -121,7 +144,8 @@ def _concluded(
                 axes = turned[k][0]
                 covariance = np.block([[covariance[:3, :3], np.zeros((3, 3))], [np.zeros((3, 3)), turned[k][1]]])
             poses[member.name] = RelativePose(fit.positions[k], axes, covariance)
-            clocks[member.name] = motion.clocks[k]
+            late = float(np.hypot(imus[0].lateness, imus[k].lateness))
+            clocks[member.name] = replace(motion.clocks[k], start_sd=float(np.hypot(motion.clocks[k].start_sd, late)))
     begin = {member.name: int(imu.stamps_ns[0]) for member, imu in zip(members, imus, strict=True)}
     return ArrayOutcome(base, tuple(members), fit, motion.seconds.size, poses, clocks, begin, left_out)
 

@@ -1,13 +1,15 @@
 """Places of IMUs that were turned and shaken by hand, against truth."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from kreisel.array.array_fit import fit_array
 from kreisel.array.hand_motion import hand_motion, matrix_deviation
-from kreisel.errors import RecordingError
+from kreisel.array.without_reference import _check_turn, _clipped, rest_rotations
+from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import exp, from_matrix, log, matrix
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.synchronization.clock import Clock
@@ -43,11 +45,16 @@ def array(seed, count, folder, *, noise=1e-3, jitter=0.0, gyro_scale=0.0, beyond
 STEP = 1e-3
 
 
-def found_of(imus, gyro=1e-6):
+def found_of(imus, gyro=1e-6, *, calibrated=True, good=None):
     clocks = [Clock(1e-3 * (k > 0)) for k in range(len(imus))]
-    good = [np.ones(imu.stamps_ns.size, bool) for imu in imus]
+    good = good or [np.ones(imu.stamps_ns.size, bool) for imu in imus]
     motion = hand_motion(imus, [SensorParameters.ideal()] * len(imus), clocks, good)
-    return fit_array(motion, np.full(9, gyro), [True] * len(motion.axes)), motion
+    return fit_array(motion, np.full(9, gyro), [calibrated] * len(motion.axes)), motion
+
+
+def chi_square(fit, k):
+    apart = fit.positions[k] - PLACES[k]
+    return float(apart @ np.linalg.solve(fit.covariance[k][:3, :3], apart)) / 3.0
 
 
 @pytest.mark.parametrize("count", [2, 4])
@@ -97,6 +104,75 @@ def test_offsets_that_drift_are_not_taken_for_positions(tmp_path):
     apart = fit.positions[1] - PLACES[1]
     assert apart @ np.linalg.solve(fit.covariance[1][:3, :3], apart) / 3.0 < 3.0
     assert np.abs(apart).max() < 5e-5
+
+
+def test_a_unit_that_vibrates_counts_less_and_does_not_spoil_the_others(tmp_path):
+    imus, _ = array(8, 4, tmp_path, noise=2e-4)
+    quiet, _ = found_of(imus)
+    shake = 3.0 * np.sin(2.0 * np.pi * 31.0 * imus[2].seconds)[:, None] * np.array([1.0, 0.5, -0.7])
+    imus[2] = replace(imus[2], accelerations=imus[2].accelerations + shake)
+    fit, _ = found_of(imus)
+    assert max(chi_square(fit, k) for k in (1, 3)) < 4.0
+    for k in (1, 3):  # as far as three units determine their places, and not as three and a bad one
+        sd, of_quiet = (np.sqrt(np.trace(found.covariance[k][:3, :3])) for found in (fit, quiet))
+        assert sd < 12.0 * of_quiet
+
+
+def test_offsets_that_no_standstill_showed_are_in_the_deviations(tmp_path):
+    """Of gyros by 3 deg/s in common, of accelerometers by 50 mg, whose matrices err by 2 per cent."""
+    rng = np.random.default_rng(9)
+    imus, _ = array(9, 4, tmp_path, noise=2e-4)
+    imus = [
+        replace(
+            imu, rates=imu.rates + 0.05,
+            accelerations=imu.accelerations @ (np.eye(3) + 0.02 * rng.normal(size=(3, 3))) + 0.5 * rng.normal(size=3),
+        ) for imu in imus
+    ]  # fmt: skip
+    assert max(chi_square(found_of(imus)[0], k) for k in (1, 2, 3)) > 8.0
+    fit, _ = found_of(imus, calibrated=False)
+    assert max(chi_square(fit, k) for k in (1, 2, 3)) < 4.0
+
+
+def test_clipped_samples_of_one_axis_pull_at_no_clock(tmp_path):
+    imus, _ = array(10, 3, tmp_path, noise=2e-4)
+    limit = 0.6 * float(np.abs(imus[1].rates[:, 2]).max())
+    rates = imus[1].rates.copy()
+    rates[:, 2] = np.clip(rates[:, 2], -limit, limit)
+    imus[1] = replace(imus[1], rates=rates)
+    assert float(np.abs(imus[1].rates).max()) > limit  # another axis reads more
+    fit, motion = found_of(imus, good=[~_clipped(imu) for imu in imus])
+    assert abs(motion.clocks[1].start) < 5.0 * motion.clocks[1].start_sd
+    assert max(chi_square(fit, k) for k in (1, 2)) < 4.0
+
+
+def test_an_imu_with_columns_in_disorder_is_no_turned_one(tmp_path):
+    imus, _ = array(11, 2, tmp_path)
+    _check_turn(imus[1], Clock(0.0), imus[0], "imu0")
+    swapped = replace(imus[1], rates=imus[1].rates[:, [1, 0, 2]])
+    with pytest.raises(SynchronizationError, match="not those of imu0, turned: of one of the two a column is in"):
+        _check_turn(swapped, Clock(0.0), imus[0], "imu0")
+
+
+def test_axes_are_compared_by_the_standstills_that_both_have(tmp_path):
+    """The other IMU has read in the first six of eight attitudes, and one that read in two is not compared."""
+    rng = np.random.default_rng(12)
+    t = np.arange(0.0, 48.0, 0.01)
+    up = rng.normal(size=(8, 3))
+    forces = (9.81 * up / np.linalg.norm(up, axis=1)[:, None])[(t // 6.0).astype(int)]
+    forces = forces + 1e-3 * rng.normal(size=forces.shape)
+    rates = 1e-4 * rng.normal(size=forces.shape)
+    moved = (t % 6.0) < 1.5
+    rates[moved] += rng.normal(size=(int(moved.sum()), 3))
+    forces[moved] += rng.normal(size=(int(moved.sum()), 3))
+    C = matrix(exp(np.array([0.2, -0.1, 0.3])))
+    sd = replace(SensorParameters.ideal(), K_a=1e-4 * np.ones((3, 3)))
+    known = SimpleNamespace(sensors=SensorParameters.ideal(), sensor_sd=sd)
+    members = [SimpleNamespace(calibration=known)] * 3
+    imus = [recorded(t, rates, forces, tmp_path)]
+    imus += [recorded(t[:n], rates[:n] @ C, forces[:n] @ C, tmp_path) for n in (3700, 1300)]
+    found = rest_rotations(members, imus, [Clock(0.0)] * 3)
+    assert list(found) == [1]
+    assert np.abs(found[1][0] - C).max() < 1e-3
 
 
 def test_what_nothing_is_known_of_has_the_usual_deviation():
