@@ -94,8 +94,13 @@ def with_walked_deviations(found: Estimate, path_near: Callable[[Problem, Fit], 
         unknown = np.minimum(2.0 * variance[layout[group]], 0.5 * walked_variance(problem, group))
         columns = each(layout.degrees, layout[group], np.sqrt(walked + unknown))
         source = Source.CLOCKS if group == "time_offset" else Source.SENSOR
-        out.append(Contribution(f"walk of {GROUPS[group].split(',')[0]}", source, columns))
+        out.append(Contribution(walk_of(group), source, columns))
     return found.adding(out)
+
+
+def walk_of(group: str) -> str:
+    """Return the cause of the contribution of a walk."""
+    return f"walk of {GROUPS[group].split(',')[0]}"
 
 
 def with_doubtful_latitude(found: Estimate, check: LatitudeCheck | None) -> Estimate:

@@ -10,13 +10,13 @@ import numpy as np
 from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes, slip_of_mount
 from kreisel.calibration.data_sheet import MAX_ANGLE, MAX_SCALE, MAX_SPREAD, non_orthogonality, sensitivity
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
+from kreisel.calibration.inflation import walk_of
 from kreisel.calibration.result_sections import Cause, Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
 from kreisel.model.calibration_settings import SENSORS
 from kreisel.model.considered_terms import describe
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import DELAYS, SMOOTHINGS
-from kreisel.model.problem import walked_variance
 from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.refinement import discrepancy
 from kreisel.refinement.estimate import Estimate
@@ -301,12 +301,18 @@ def _implausible(estimate: Estimate) -> list[Reason]:
             text = f"errors on no list are larger than those of any device ({words}): the model does not describe it"
             found.append(Reason(text, (sensor,)))
     for sensor, group in OFFSET_OF.items():
-        if group in estimate.walks and walked_variance(estimate.problem, group) ** 0.5 > _largest(group):
+        if _walked(estimate, group) > _largest(group):
             text = (
                 f"the {OFFSETS[group]} offsets change by more than those of any device: the model does not describe it"
             )
             found.append(Reason(text, (sensor,)))
     return found
+
+
+def _walked(estimate: Estimate, group: str) -> float:
+    """Return how far a group walked, SI; its density does not say that, for what comes and goes leads nowhere."""
+    own = (float(np.abs(one.columns).max()) for one in estimate.contributions if one.cause == walk_of(group))
+    return max(own, default=0.0)
 
 
 def _largest(offset: str) -> float:

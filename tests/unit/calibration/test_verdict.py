@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
+from kreisel.calibration.inflation import walk_of
 from kreisel.calibration.result_sections import Consistency
 from kreisel.calibration.verdict import (
     MAX_CONTRADICTION,
@@ -17,6 +18,8 @@ from kreisel.calibration.verdict import (
     consistency,
     judge,
 )
+from kreisel.estimation.uncertainty import Contribution, each
+from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.terms import GYRO_ROWS
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import group_named
@@ -26,7 +29,7 @@ from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.fits import Correlation
 from kreisel.units import DEG
 
-from ...small_problem import estimate_of, history, moved_by, small_problem, small_run, with_noise
+from ...small_problem import estimate_of, history, moved_by, small_problem, small_run
 
 FACTS = Consistency(1.0, 1.0, 100, 0, np.zeros(6), 1.0, 0.99)
 SEEN = Observability((), np.zeros(0), np.zeros(0), (), ())
@@ -67,13 +70,13 @@ def test_errors_on_no_list_that_no_device_has_are_a_reason():
 
 
 def test_a_walk_that_no_device_has_is_a_reason():
-    problem = small_problem()
-    stamps = problem.sensor.readings.stamps[[one.last for one in problem.schedule.updates]]
-    largest = MAX_UNLISTED * group_named("gyro_offset").usual_sd / float(np.ptp(stamps)) ** 0.5
+    """By how far it led, and not by its density."""
+    layout = small_problem().layout
+    largest = MAX_UNLISTED * group_named("gyro_offset").usual_sd
 
-    def of(density):
-        walks = problem.noise.offset_walk | {"gyro_offset": density}
-        return found(problem=with_noise(problem, offset_walk=walks), walks={"gyro_offset": 100.0})
+    def of(size):
+        columns = each(layout.degrees, layout["gyro_offset"], size * np.array([0.3, -1.0, 0.5]))
+        return found(contributions=(Contribution(walk_of("gyro_offset"), Source.SENSOR, columns),))
 
     assert reasons(of(0.95 * largest)) == ()
     (reason,) = reasons(of(1.1 * largest))
