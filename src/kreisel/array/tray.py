@@ -57,6 +57,10 @@ _CLEAR = 2.3
 """The same, from which a unit with moments that are far off errs at others too. Chosen: bursts of vibration leave 2.1
 at most, and a jump of an offset makes 2.6."""
 
+_SHARE_OF_TURN = 0.03
+"""Share of what does not fit, in units of its size, that a turn of the mount explains at least. Chosen: turns of 1 to
+100 mrad explain 11 to 55 %; what a jump of a clock has in common with one, some tenths of a per cent."""
+
 _WHOLE = 0.98
 """Share of the recording that the readings of a unit of the mean cover, over that of most units, and those of the base
 unit over the longest. Chosen: where a unit begins or ends, the mean changes by its lever arms, which is no motion."""
@@ -117,7 +121,8 @@ def calibrate_tray(
             if other.verdict.accepted or not mean.verdict.accepted:
                 settings, mean = more, other
                 continue
-        out, rough = _odd_one(tray, found.misfits) or _turned_one(tray, found, turned), _odd_one(tray, found.roughness)
+        rough, ratio = _odd_one(tray, found.roughness), _ODD if mean.verdict.accepted else 1.0
+        out = _odd_one(tray, found.misfits, ratio) or _turned_one(tray, found, turned)
         if out in found.turns:
             turned[out] = found.turns[out]
         elif out is not None and out != rough:
@@ -208,14 +213,17 @@ def _not_fixed(fit: UnitFit, fixed: Collection[str]) -> dict[str, float]:
     return {group: weight for group, weight in fit.shown.items() if group not in fixed}
 
 
-def _odd_one(tray: _Tray, misfits: Mapping[str, float]) -> str | None:
-    """Return the unit that the mean is better without, by misfits: the one that fits worst."""
+def _odd_one(tray: _Tray, misfits: Mapping[str, float], ratio: float = _ODD) -> str | None:
+    """Return the unit that the mean is better without, by misfits: the one that fits worst.
+
+    ratio: by how much more than the others at least.
+    """
     rest = {name: misfits[name] for name in tray.in_mean if name in misfits}
     if len(rest) < MIN_UNITS:
         return None
     worst = max(rest, key=lambda name: rest[name])
     others = float(np.median([own for name, own in rest.items() if name != worst]))
-    return worst if rest[worst] > max(_MISFIT, _ODD * others) else None
+    return worst if rest[worst] > max(_MISFIT, ratio * others) else None
 
 
 def _blameless(tray: _Tray, found: _Fitted, turned: Mapping[str, Turn], odd: Mapping[str, float]) -> set[str]:
@@ -411,9 +419,11 @@ def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None, executor: Exe
                 failed[name] = found
             else:
                 fits[name] = found
-    turns = {name: turn for name, fit in fits.items() if (turn := turn_of(fit.parts)) is not None}
     usual = {name: tray.units[name].noise[:, None] / np.sqrt(common.mean.row) for name in fits}
     misfits = {name: _over(fit.noise, usual[name]) * float(np.median(fit.excess)) for name, fit in fits.items()}
+    turns = {name: turn for name, fit in fits.items() if (turn := turn_of(fit.parts)) is not None}
+    least = _SHARE_OF_TURN * 6.0 * common.mean.seconds.size
+    turns = {name: turn for name, turn in turns.items() if misfits[name] <= _MISFIT or turn.weight > least}
     roughness = {name: _over(fit.rough, usual[name]) for name, fit in fits.items()}
     return _Fitted(fits, turns, failed, misfits, roughness)
 

@@ -14,7 +14,7 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Estimator, Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
-from kreisel.model.parameters import DELAYS, GROUPS, SMOOTHINGS
+from kreisel.model.parameters import DELAYS, SMOOTHINGS, walk_of
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.build_problem import REACH
 from kreisel.preparation.gravity import ANOMALY_SD
@@ -96,11 +96,6 @@ def with_walked_deviations(found: Estimate, path_near: Callable[[Problem, Fit], 
         source = Source.CLOCKS if group == "time_offset" else Source.SENSOR
         out.append(Contribution(walk_of(group), source, columns))
     return found.adding(out)
-
-
-def walk_of(group: str) -> str:
-    """Return the cause of the contribution of a walk."""
-    return f"walk of {GROUPS[group].split(',')[0]}"
 
 
 def with_doubtful_latitude(found: Estimate, check: LatitudeCheck | None) -> Estimate:

@@ -10,13 +10,12 @@ import numpy as np
 from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes, slip_of_mount
 from kreisel.calibration.data_sheet import MAX_ANGLE, MAX_SCALE, MAX_SPREAD, non_orthogonality, sensitivity
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
-from kreisel.calibration.inflation import walk_of
 from kreisel.calibration.result_sections import Cause, Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
 from kreisel.model.calibration_settings import SENSORS
 from kreisel.model.considered_terms import describe
 from kreisel.model.groups import group_named
-from kreisel.model.parameters import DELAYS, SMOOTHINGS
+from kreisel.model.parameters import DELAYS, SMOOTHINGS, walk_of
 from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.refinement import discrepancy
 from kreisel.refinement.estimate import Estimate

@@ -38,6 +38,11 @@ POSE_GROUPS = tuple(group.name for group in REGISTRY if group.owner in ("referen
 """Groups that change the reported poses, linearly, but not the motion."""
 
 
+def walk_of(group: str) -> str:
+    """Return what the walk of a group is called in an account of uncertainty."""
+    return f"walk of {GROUPS[group].split(',')[0]}"
+
+
 @dataclass(frozen=True)
 class RobotParameters:
     """Errors of an arm of n joints: the real arm against its controller's model.

@@ -7,7 +7,6 @@ import pytest
 from scipy.stats import chi2
 
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
-from kreisel.calibration.inflation import walk_of
 from kreisel.calibration.result_sections import Consistency
 from kreisel.calibration.verdict import (
     MAX_CONTRADICTION,
@@ -23,6 +22,7 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.terms import GYRO_ROWS
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import group_named
+from kreisel.model.parameters import walk_of
 from kreisel.refinement.discrepancy_terms import Family, FoundFamily
 from kreisel.refinement.observability import Observability
 from kreisel.synchronization.clock import Clock
