@@ -47,20 +47,37 @@ def stands_after(simulator, act):
     return seconds, degrees
 
 
+def stands_without(tmp_path, how, program, number):
+    """Return what `stands_after` does of an arm whose process is hurt in a move; None if the process stopped it before.
+
+    On a computer that is too busy that is right: states of the arm come too late.
+    """
+    tmp_path.mkdir()
+    with controller(patience=0.0) as simulator:
+        process = started(tmp_path, simulator, program)
+        try:
+            simulator.wait(lambda: len(simulator.moves()) >= number or process.poll() is not None)
+            if process.poll() is not None:
+                assert simulator.told_to_stop()
+                return None
+            simulator.wait_for_move(number)
+            out = stands_after(simulator, lambda: process.send_signal(how))
+            assert not simulator.told_to_stop()
+            return out
+        finally:
+            process.kill()
+            process.communicate()
+
+
 @pytest.mark.parametrize("move", [1, 2])  # the slow first one, and a fast one
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_arm_stands_when_the_process_is_killed_or_hangs(tmp_path, twin, how, move):
+def test_the_arm_stands_when_the_process_is_killed_or_hangs(tmp_path, how, move):
     first = "start_deg = [0, -90, 60, -60, -90, 0]\n[[move]]\njoints_deg = [150, -80, 70, -40, -60, 20]\nrest = 0.5\n"
-    process = started(tmp_path, twin, (LONG if move == 1 else first) + BACK)
-    try:
-        twin.wait_for_move(2 if move == 1 else 3)
-        seconds, degrees = stands_after(twin, lambda: process.send_signal(how))
-    finally:
-        process.kill()
-        process.communicate()
+    program, number = ((LONG if move == 1 else first) + BACK, 2 if move == 1 else 3)
+    trials = (stands_without(tmp_path / str(k), how, program, number) for k in range(3))
+    seconds, degrees = next(found for found in trials if found is not None)
     assert seconds < WITHIN
     assert degrees < 30.0
-    assert not twin.told_to_stop()
 
 
 def test_the_arm_stands_when_the_cable_is_cut(tmp_path, twin):
