@@ -181,7 +181,7 @@ def _together(read: _Kept, names: Sequence[str], progress: Progress | None, exec
             errors.append(error)
             continue
         longest = max(tray.units, key=tray.seconds)  # what the base unit did not see counts for none
-        if tray.base_seconds >= _WHOLE * tray.seconds(longest):
+        if float(tray.base.imu.seconds[-1]) >= _WHOLE * tray.seconds(longest):
             return tray
         return _Tray.of(read, [longest, *(name for name in names if name != longest)], progress, executor)
     raise errors[0]
@@ -316,11 +316,6 @@ class _Tray:
             )
         return cls(read, base, units, left_out, mean)
 
-    @property
-    def base_seconds(self) -> float:
-        """Length of the base unit's readings, s."""
-        return float(self.base.imu.seconds[-1])
-
     def seconds(self, name: str) -> float:
         """Return the length of a unit's readings, s."""
         return float(self.recording(name).imu.seconds[-1])
@@ -421,9 +416,12 @@ def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None, executor: Exe
                 fits[name] = found
     usual = {name: tray.units[name].noise[:, None] / np.sqrt(common.mean.row) for name in fits}
     misfits = {name: _over(fit.noise, usual[name]) * float(np.median(fit.excess)) for name, fit in fits.items()}
-    turns = {name: turn for name, fit in fits.items() if (turn := turn_of(fit.parts)) is not None}
     least = _SHARE_OF_TURN * 6.0 * common.mean.seconds.size
-    turns = {name: turn for name, turn in turns.items() if misfits[name] <= _MISFIT or turn.weight > least}
+    turns = {
+        name: turn
+        for name, fit in fits.items()
+        if (turn := turn_of(fit.parts)) is not None and (misfits[name] <= _MISFIT or turn.weight > least)
+    }
     roughness = {name: _over(fit.rough, usual[name]) for name, fit in fits.items()}
     return _Fitted(fits, turns, failed, misfits, roughness)
 

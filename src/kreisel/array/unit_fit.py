@@ -424,7 +424,6 @@ def _rows(
     middle = 0.5 * (mean.seconds[0] + mean.seconds[-1])
     along = (mean.seconds - middle) / (0.5 * float(mean.seconds[-1] - mean.seconds[0]))
     one, clock, out = -np.ones((m, 1)), np.array([layout.count - 2, layout.count - 1]), []
-    load = mean.forces - mean.forces.mean(axis=0)
     for k in range(6):
         sensor, j = ("gyroscope", "accelerometer")[k // 3], k % 3
         places, values = places_of(layout.sizes, sensor), layout.values(p, sensor)
@@ -439,6 +438,7 @@ def _rows(
             first, begin = np.hstack([at, one, by_arm]), 12 + np.arange(7 * j, 7 * j + 7)
         bent = np.zeros((m, 0))
         if layout.bends:
+            load = mean.forces - mean.forces.mean(axis=0)
             turns = (
                 (G[j], mean.rates, load, G[j], mean.force_slopes)
                 if k < 3
