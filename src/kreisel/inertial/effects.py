@@ -188,6 +188,7 @@ EFFECTS: dict[str, SensorEffect] = {
     "gyro_gauss_markov": SensorEffect("gyroscope"),
     "accel_polynomial": SensorEffect("accelerometer", (Factor.READING,), powers=True),
     "accel_asymmetry": SensorEffect("accelerometer", (Factor.MAGNITUDE,)),
+    "accel_cubic": SensorEffect("accelerometer", (Factor.READING,) * 3),
     "accel_delay": SensorEffect("accelerometer", (Factor.SLOPE,), Arrangement.ALL_AXES),
     "accel_smoothing": SensorEffect("accelerometer", (Factor.CURVATURE,), Arrangement.ALL_AXES),
     "accel_axis_delay": SensorEffect("accelerometer", (Factor.SLOPE,)),

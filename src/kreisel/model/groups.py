@@ -56,7 +56,7 @@ class ParameterGroup:
     by_choice
         Whether it is estimated only if asked for.
     rare
-        Whether it is looked for only in devices whose grade has it.
+        Whether a calibration in motion looks for it only in devices whose grade has it.
     common_elsewhere
         Whether the mean of its parameters is a parameter of another group, so that their sum is zero.
     traceless
@@ -231,6 +231,11 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         "accel_asymmetry", "scale of the accelerometers by the sign of the force: times |a'|", "b<sub>a</sub>",
         "accelerometer", "accelerometer.asymmetry", _axes, "ppm", PPM, 3e-4, known_before=True, by_choice=True,
         shape=lambda _: (3,),
+    ),
+    ParameterGroup(
+        "accel_cubic", "cubic term of the accelerometers without a square one, (m/s^2)^-2: times a'^3",
+        "k<sub>a3</sub>", "accelerometer", "accelerometer.cubic", _axes, "ppm/g²", PPM / STANDARD_GRAVITY**2, 1e-5,
+        known_before=True, by_choice=True, rare=True, shape=lambda _: (3,),
     ),
     ParameterGroup(
         "accel_delay", "delay of the accelerometers against the gyros, s: times da'/dt", "τ",

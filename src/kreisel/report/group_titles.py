@@ -14,6 +14,7 @@ TITLES = {
     "accel_offset": "Accelerometer bias",
     "accel_polynomial": "Accelerometer non-linearity",
     "accel_asymmetry": "Accelerometer scale-factor asymmetry",
+    "accel_cubic": "Accelerometer cubic non-linearity",
     "accel_delay": "Delay of the accelerometers",
     "accel_smoothing": "Smoothing of the accelerometers",
     "accel_axis_delay": "Delay of an accelerometer axis",

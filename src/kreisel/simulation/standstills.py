@@ -21,6 +21,9 @@ from kreisel.simulation.imu import draw_sensors, ideal_readings, rounded
 _TABLE_LATE = 40_000_000
 """ns: by how much a turntable's clock is ahead."""
 
+_CORRECTIONS = 8
+"""Each makes what is left of a cubic term smaller by three times its share of the reading."""
+
 _LONG = 15.0
 """rad: a turn beyond this is one by a motor."""
 
@@ -52,6 +55,8 @@ class HandTurns:
         Excess of the offsets at the beginning, in units of the grade's usual offsets; it decays in a minute.
     quadratic
         Of the accelerometers, per m/s^2.
+    cubic, gyro_cubic
+        Standard deviations of cubic terms: of the accelerometers, (m/s^2)^-2, and of the gyros, (rad/s)^-2.
     jitter
         s: standard deviation of when a sample is taken, against its stamp.
     lost
@@ -89,6 +94,8 @@ class HandTurns:
     vibration: float = 0.0
     warm_up: float = 0.0
     quadratic: float = 0.0
+    cubic: float = 0.0
+    gyro_cubic: float = 0.0
     jitter: float = 0.0
     lost: float = 0.0
     range_share: float = 0.0
@@ -142,6 +149,10 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     force = force + shaken[:, None] * np.array([0.6, 0.0, 0.8]) + moving[:, None] * rng.normal(0.0, 1.0, (1, 3))
     effects = replace(DeviceEffects.none(), g_sensitivity=rng.normal(0.0, grade.g_sensitivity / 3.0, (3, 3)))
     w, a = ideal_readings(omega + earth, np.zeros((n, 3)), force, truth, effects)
+    cubes = {}
+    if how.cubic or how.gyro_cubic:
+        cubes = {"gyro_cubic": rng.normal(0.0, how.gyro_cubic, 3), "accel_cubic": rng.normal(0.0, how.cubic, 3)}
+        w, a = _bent(w, cubes["gyro_cubic"]), _bent(a, cubes["accel_cubic"])
     if how.jitter:
         slope = np.gradient(w, 1.0 / rate, axis=0)
         w = w + slope * rng.normal(0.0, how.jitter, (n, 1))
@@ -163,7 +174,7 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     keep = rng.random(n) >= how.lost
     stamps: Stamps = np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
     w, a = w[keep], a[keep]
-    truth = replace(truth, others={"gyro_g_sensitivity": effects.g_sensitivity.ravel()})
+    truth = replace(truth, others={"gyro_g_sensitivity": effects.g_sensitivity.ravel(), **cubes})
     table = None
     if how.laid == "turntable":
         every = max(1, round(0.02 * rate))
@@ -171,6 +182,14 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
             stamps[::every] + _TABLE_LATE, angle[::every], Path("table0"), by_rate=bool(how.table_scale)
         )
     return truth, _recording(how, stamps[: len(w)], w, a, table)
+
+
+def _bent(ideal: Array, cubic: Array) -> Array:
+    """Return the readings r (n, 3) of which r + c r^3 is what a sensor without cubic terms would read."""
+    out = ideal.copy()
+    for _ in range(_CORRECTIONS):
+        out = ideal - cubic * out**3
+    return out
 
 
 def _recording(how: HandTurns, stamps: Stamps, w: Array, a: Array, table: TableAngles | None) -> Recording:

@@ -35,8 +35,9 @@ _FAR = 50.0
 """Logarithm of odds beyond which they count as certain."""
 
 CANDIDATES = (
-    "gyro_polynomial", "gyro_asymmetry", "gyro_axis_smoothing", "gyro_temperature", "gyro_scale_temperature",
-    "accel_polynomial", "accel_asymmetry", "accel_temperature", "accel_scale_temperature",
+    "gyro_polynomial", "gyro_asymmetry", "gyro_cubic", "gyro_axis_smoothing", "gyro_temperature",
+    "gyro_scale_temperature", "accel_polynomial", "accel_asymmetry", "accel_cubic", "accel_temperature",
+    "accel_scale_temperature",
 )  # fmt: skip
 """Effects that are looked for; those of temperature where it was recorded."""
 

@@ -32,6 +32,7 @@ WRITTEN_OUT = {
     "gyro_gauss_markov": (B, B, 0.0),
     "accel_polynomial": (B, 0.0, B * A**2),
     "accel_asymmetry": (B, 0.0, B * np.abs(A)),
+    "accel_cubic": (B, 0.0, B * A**3),
     "accel_delay": (np.array([2.0]), 0.0, 2.0 * A_SLOPE),
     "accel_smoothing": (np.array([2.0]), 0.0, -2.0 * A_CURVATURE),
     "accel_axis_delay": (B, 0.0, B * A_SLOPE),

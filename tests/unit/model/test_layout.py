@@ -29,7 +29,7 @@ def test_a_groups_part_has_one_degree_of_freedom_for_each_name(order, joints):
         "earth_down": 1, "gravity": 1, "time_offset": 1, "time_skew": 1,
         "gyro_g_sensitivity": 9, "gyro_g_squared": 9,
         "gyro_asymmetry": 3, "accel_asymmetry": 3, "accel_delay": 1, "accel_smoothing": 1, "accel_axis_delay": 3,
-        "gyro_cubic": 3, "gyro_axis_delay": 3, "gyro_axis_smoothing": 3, "accel_axis_smoothing": 3,
+        "gyro_cubic": 3, "accel_cubic": 3, "gyro_axis_delay": 3, "gyro_axis_smoothing": 3, "accel_axis_smoothing": 3,
         "gyro_temperature": 3, "gyro_scale_temperature": 3, "accel_temperature": 3, "accel_scale_temperature": 3,
         "gyro_gauss_markov": 3, "accel_gauss_markov": 3,
         "position_scale": 1, "reference_smoothing": 1, "mount_bending": 9, "mount_deflection": 9,

@@ -46,6 +46,19 @@ def test_quadratic_accelerometers_are_found_on_faces(seed):
     assert considered["accel_polynomial"].gain > 10.0
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_cubic_sensors_are_found_in_many_attitudes(seed):
+    """Of 0.2 % at g, which was up to eight deviations of the scale factors while no term could say it."""
+    truth, recording = turned(seed, attitudes=24, turn=1.2, cubic=2e-5, gyro_cubic=3e-4)
+    outcome = calibrate_static(recording)
+    assert {"accel_cubic", "gyro_cubic"} <= set(outcome.found.problem.effects)
+    assert largest(outcome, truth) < 4.0
+    for group in ("accel_cubic", "gyro_cubic"):
+        found = {one.group: one for one in outcome.found.considered}[group]
+        assert found.gain > 5.0
+        assert np.abs((found.value - truth.others[group]) / found.deviation).max() < 4.0
+
+
 def test_effects_that_are_not_chosen_widen_what_they_would_change():
     problem = problem_of(turned(1, attitudes=12, rest=3.0, quadratic=5e-5)[1])
     found = estimate_static(problem, first_values(problem))
