@@ -14,7 +14,8 @@ from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.inertial.slopes import LocalCubics
 
 _STEP = 1e-5
-"""SI; step of the difference quotients by the parameters. Chosen: they are linear or bilinear; rounding is 1e-11."""
+"""SI; step of the difference quotients by the parameters. Chosen: the motion is linear or bilinear in them, so that a
+quotient errs by 1e-5 of what a unit of another one does; rounding is 1e-11."""
 
 _PARTS, _LENGTH = 32, 256
 """Parts of a recording, and samples of each, that show what errors of a calibration do. Chosen: 8,000 samples give
@@ -156,10 +157,10 @@ class MotionErrors:
             raw.stamps[samples], raw.rates[samples], raw.forces[samples],
             None if raw.temperature_difference is None else raw.temperature_difference[samples],
         )  # fmt: skip
-        columns = []
+        columns, unmoved = [], _means(part, moved(np.zeros(count)), width)
         for unit in np.eye(count):
-            high, low = (_means(part, moved(sign * _STEP * unit), width) for sign in (1.0, -1.0))
-            columns.append([(a - b) / (2.0 * _STEP) for a, b in zip(high, low, strict=True)])
+            high = _means(part, moved(_STEP * unit), width)
+            columns.append([(a - b) / _STEP for a, b in zip(high, unmoved, strict=True)])
         return cls(rows, *(np.stack([column[k] for column in columns], axis=-1) for k in range(3)))
 
 

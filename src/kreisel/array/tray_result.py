@@ -151,14 +151,14 @@ def _mover(sensors: SensorParameters, names: tuple[str, ...]) -> Callable[[Array
     """Return a function that returns parameters moved by changes of the named ones."""
     stored = _stored(sensors)
     place = {name: k for k, name in enumerate(names)}
-    groups = {group: _names_of(group, sensors) for group in SENSOR_GROUPS}
+    groups = {
+        group: np.array([place.get(name, len(names)) for name in _names_of(group, sensors)], dtype=np.int64)
+        for group in SENSOR_GROUPS
+    }
 
     def moved(change: Array) -> SensorParameters:
-        values = {
-            group: stored[group] + np.array([change[place[name]] if name in place else 0.0 for name in own])
-            for group, own in groups.items()
-        }
-        return _as_sensors(values, sensors)
+        padded = np.append(change, 0.0)
+        return _as_sensors({group: stored[group] + padded[own] for group, own in groups.items()}, sensors)
 
     return moved
 

@@ -6,7 +6,7 @@ is what a sensor reads too much at standstill, -k_0; a scale-factor error is pos
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,7 +17,7 @@ from kreisel.geometry.rotation import Array, from_matrix, log, nearest_rotation
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, PPM
 
-_PAIRS = ((0, 1), (0, 2), (1, 2))  # the axes of xy, xz, yz, as the quantities list them
+_FIRST, _SECOND = [0, 0, 1], [1, 2, 2]  # the axes of xy, xz, yz, as the quantities list them
 
 MAX_SCALE, MAX_SPREAD, MAX_ANGLE = 1.5, 0.15, 0.1
 """Scale factor, difference of scale factors between axes, and angle between axes less a right one (rad): no device has
@@ -29,34 +29,34 @@ _STEP = 1e-6
 
 
 def sensitivity(K: Array) -> tuple[Array, Array]:
-    """Return scale factors (3,) and unit sensitive axes (3, 3; rows, in b) of a cross-coupling matrix."""
+    """Return scale factors (..., 3) and unit sensitive axes (..., 3, 3; rows, in b) of cross-coupling matrices."""
     rows = np.linalg.inv(K)
-    scale = np.linalg.norm(rows, axis=1)
-    return scale, rows / scale[:, None]
+    scale = np.linalg.norm(rows, axis=-1)
+    return scale, rows / scale[..., None]
 
 
 def non_orthogonality(K: Array) -> Array:
-    """Return by how much the angles xy, xz, yz between sensitive axes fall short of 90 degrees, rad."""
+    """Return by how much the angles xy, xz, yz between sensitive axes fall short of 90 degrees, (..., 3), rad."""
     _, axes = sensitivity(K)
-    return np.array([np.arcsin(np.clip(axes[i] @ axes[j], -1.0, 1.0)) for i, j in _PAIRS])
+    return np.arcsin(np.clip(np.sum(axes[..., _FIRST, :] * axes[..., _SECOND, :], axis=-1), -1.0, 1.0))
 
 
 def mounting(K: Array) -> Array:
-    """Return the rotation vector (3,) from sensor axes to b, rad: the rotation nearest to K."""
+    """Return the rotation vectors (..., 3) from sensor axes to b, rad: the rotations nearest to K."""
     return log(from_matrix(nearest_rotation(K)))
 
 
 def gyro_to_accel(K_omega: Array, K_a: Array) -> Array:
-    """Return the rotation vector (3,) that turns the accelerometers' axes onto the gyros', along the former, rad.
+    """Return the rotation vectors (..., 3) that turn the accelerometers' axes onto the gyros', along the former, rad.
 
-    It is the device's own: the mounting cancels.
+    They are the device's own: the mounting cancels.
     """
-    return log(from_matrix(nearest_rotation(K_a).T @ nearest_rotation(K_omega)))
+    return log(from_matrix(np.swapaxes(nearest_rotation(K_a), -1, -2) @ nearest_rotation(K_omega)))
 
 
 def distances(lever_arms: Array) -> Array:
-    """Return the distances between the accelerometers xy, xz, yz, m."""
-    return np.array([np.linalg.norm(lever_arms[i] - lever_arms[j]) for i, j in _PAIRS])
+    """Return the distances between the accelerometers xy, xz, yz, (..., 3), m."""
+    return np.linalg.norm(lever_arms[..., _FIRST, :] - lever_arms[..., _SECOND, :], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Quantity:
     groups
         Groups of parameters it depends on.
     value
-        Function of the sensor parameters, in its unit.
+        Function of the sensor parameters, in its unit; of parameters with leading axes, it has these, too.
     """
 
     name: str
@@ -92,7 +92,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "gyro_scale_error_ppm", "Gyro scale-factor error", "ppm", "axes", _GYRO,
         lambda p: (sensitivity(p.K_omega)[0] - 1.0) / PPM,
     ),
-    Quantity("gyro_bias_deg_h", "Gyro bias", "deg/h", "axes", ("gyro_offset",), lambda p: -p.k_w[0] / DEG_PER_HOUR),
+    Quantity("gyro_bias_deg_h", "Gyro bias", "deg/h", "axes", ("gyro_offset",), lambda p: -p.k_w[..., 0, :] / DEG_PER_HOUR),
     Quantity(
         "gyro_non_orthogonality_mrad", "Gyro non-orthogonality", "mrad", "pairs", _GYRO,
         lambda p: non_orthogonality(p.K_omega) / MRAD,
@@ -101,7 +101,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "accel_scale_error_ppm", "Accelerometer scale-factor error", "ppm", "axes", _ACCEL,
         lambda p: (sensitivity(p.K_a)[0] - 1.0) / PPM,
     ),
-    Quantity("accel_bias_mg", "Accelerometer bias", "mg", "axes", ("accel_offset",), lambda p: -p.k_a[0] / MG),
+    Quantity("accel_bias_mg", "Accelerometer bias", "mg", "axes", ("accel_offset",), lambda p: -p.k_a[..., 0, :] / MG),
     Quantity(
         "accel_non_orthogonality_mrad", "Accelerometer non-orthogonality", "mrad", "pairs", _ACCEL,
         lambda p: non_orthogonality(p.K_a) / MRAD,
@@ -186,14 +186,21 @@ def derive(
         Groups that were neither estimated nor stated: what depends on them is NaN.
     """
     n = covariance.shape[0]
-    moved = [(unpack(_STEP * e), unpack(-_STEP * e)) for e in np.eye(n)]
+    steps = _STEP * np.vstack([np.eye(n), -np.eye(n)])
+    moved = _stacked([unpack(step) for step in steps]) if n else parameters
     out = {}
     for quantity in QUANTITIES:
         if any(group in unknown for group in quantity.groups):
             out[quantity.name] = Measured(np.full(3, np.nan), np.full(3, np.nan))
             continue
-        value = quantity.value
-        J = np.array([(value(a) - value(b)) / (2.0 * _STEP) for a, b in moved]).reshape(n, 3).T
+        values = quantity.value(moved)
+        J = (values[:n] - values[n:]).T / (2.0 * _STEP) if n else np.zeros((3, 0))
         deviation = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, covariance, J), 0.0))
-        out[quantity.name] = Measured(value(parameters), deviation)
+        out[quantity.name] = Measured(quantity.value(parameters), deviation)
     return out
+
+
+def _stacked(many: Sequence[SensorParameters]) -> SensorParameters:
+    """Return the matrices, offsets and lever arms of many sensors along a first axis."""
+    names = ("K_omega", "k_w", "K_a", "k_a", "lever_arms")
+    return SensorParameters(**{name: np.stack([getattr(one, name) for one in many]) for name in names})

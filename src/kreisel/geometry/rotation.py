@@ -122,9 +122,10 @@ def roll_pitch_yaw(C: Array) -> tuple[float, float, float]:
 
 
 def nearest_rotation(M: ArrayLike) -> Array:
-    """Return the rotation matrix nearest to M (3, 3) in the Frobenius norm."""
+    """Return the rotation matrices (..., 3, 3) nearest to M (..., 3, 3) in the Frobenius norm."""
     U, _, Vt = np.linalg.svd(np.asarray(M, dtype=float))
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+    U[..., 2] *= np.linalg.det(U @ Vt)[..., None]
+    return np.asarray(U @ Vt)
 
 
 def right_angle_turns() -> list[Array]:
