@@ -40,8 +40,8 @@ class HandMotion:
         rad/s in the axes of the first IMU; m/s^2 in each one's own.
     axes : (N, 3, 3)
         Turn vectors of an IMU's axes into those of the first.
-    slope, curvature : (n, 3), (n, 3, 3)
-        Derivative of the mean rate w, and the second one of [w x]^2, by cubics.
+    slope, bend, curvature : (n, 3), (n, 3), (n, 3, 3)
+        First and second derivative of the mean rate w, and the second one of [w x]^2, by cubics.
     slope_deviation : (n,)
         Of the derivative, rad/s^2: by noise, and by what a cubic through seven samples leaves out.
     clocks
@@ -53,6 +53,7 @@ class HandMotion:
     forces: Array
     axes: Array
     slope: Array
+    bend: Array
     curvature: Array
     slope_deviation: Array
     clocks: tuple[Clock, ...]
@@ -109,7 +110,7 @@ def hand_motion(
     rates = np.array([part.rates @ R.T for part, R in zip(parts, axes, strict=True)])
     mean = rates.mean(axis=0)
     cubics = local_cubics(times, usual_interval(times))
-    slope = cubics.slopes(mean)
+    slope, bend = cubics.slopes(mean), cubics.curvatures(mean)
     square = mean[:, :, None] * mean[:, None, :] - np.sum(mean**2, axis=1)[:, None, None] * np.eye(3)
     curvature = cubics.curvatures(square.reshape(-1, 9)).reshape(-1, 3, 3)
     used = np.flatnonzero(moving)
@@ -117,8 +118,9 @@ def hand_motion(
     forces = np.array([part.forces for part in parts])
     doubt = _slope_deviation(mean, slope, times)
     return HandMotion(
-        times[used], rates[:, used], forces[:, used], axes, slope[used], curvature[used], doubt[used], tuple(found)
-    )
+        times[used], rates[:, used], forces[:, used], axes, slope[used], bend[used], curvature[used], doubt[used],
+        tuple(found),
+    )  # fmt: skip
 
 
 def _slope_deviation(mean: Array, slope: Array, times: Array) -> Array:

@@ -92,7 +92,10 @@ QUANTITIES: tuple[Quantity, ...] = (
         "gyro_scale_error_ppm", "Gyro scale-factor error", "ppm", "axes", _GYRO,
         lambda p: (sensitivity(p.K_omega)[0] - 1.0) / PPM,
     ),
-    Quantity("gyro_bias_deg_h", "Gyro bias", "deg/h", "axes", ("gyro_offset",), lambda p: -p.k_w[..., 0, :] / DEG_PER_HOUR),
+    Quantity(
+        "gyro_bias_deg_h", "Gyro bias", "deg/h", "axes", ("gyro_offset",),
+        lambda p: -p.k_w[..., 0, :] / DEG_PER_HOUR,
+    ),
     Quantity(
         "gyro_non_orthogonality_mrad", "Gyro non-orthogonality", "mrad", "pairs", _GYRO,
         lambda p: non_orthogonality(p.K_omega) / MRAD,
