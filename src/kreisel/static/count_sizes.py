@@ -13,7 +13,7 @@ from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import raw_readings
 from kreisel.recording.header import NO_UNITS
 from kreisel.recording.recording import ImuSamples
-from kreisel.static.first_values import vertical_misfit
+from kreisel.static.first_values import vertical_misfits
 from kreisel.static.rest_search import find_rests
 from kreisel.static.turns import turns_between
 
@@ -124,7 +124,8 @@ def _best_factor(imu: ImuSamples, mount: Array) -> float:
     misfits = []
     for factor in _STEPS:
         sensors = SensorParameters(factor * mount, offset, np.eye(3), np.zeros((1, 3)), np.zeros((3, 3)))
-        misfits.append(vertical_misfit(turns_between(imu, raw, rests, sensors).rotations, up))
+        turns = turns_between(imu, raw, rests, sensors)
+        misfits.append(float(vertical_misfits(turns.rotations, up[:-1], up[1:]).mean()))
     return float(_STEPS[int(np.argmin(misfits))])
 
 

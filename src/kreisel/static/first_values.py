@@ -11,7 +11,7 @@ from kreisel.geometry.rotation import Array, right_angle_turns
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import CellParameters
 from kreisel.static.rest_problem import RestProblem, begun
-from kreisel.static.spins import with_counted_spins
+from kreisel.static.spins import many_revolutions, uncounted, with_counted_spins
 from kreisel.static.turns import turns_between
 
 MIN_ATTITUDES = 6
@@ -48,21 +48,25 @@ def first_values(problem: RestProblem) -> CellParameters:
     sensors = replace(sensors, k_w=-np.median(problem.rests.rates, axis=0)[None])
     up = (problem.rests.forces + k) @ K.T
     up /= np.linalg.norm(up, axis=1, keepdims=True)
-    best, least = sensors, np.inf
+    best, least, spins = sensors, np.inf, many_revolutions(problem, sensors)
+    other = np.setdiff1d(np.arange(rests.count - 1), spins)
     for sign in (1.0, -1.0):
         own = replace(sensors, K_omega=sign * np.eye(3))
         turns = turns_between(problem.imu, problem.raw, problem.rests, own)
         for Q in right_angle_turns():
-            misfit = vertical_misfit(Q @ turns.rotations @ Q.T, up)
+            one = replace(sensors, K_omega=sign * Q)
+            misfit = float(vertical_misfits(Q @ turns.rotations[other] @ Q.T, up[other], up[other + 1]).sum())
+            if spins.size:  # where a turn of many revolutions leads, uncalibrated gyros do not know
+                misfit += _FAR * uncounted(problem, one).size
             if misfit < least:
-                best, least = replace(sensors, K_omega=sign * Q), misfit
+                best, least = one, misfit
     return begun(with_counted_spins(problem, best), problem.site)
 
 
-def vertical_misfit(rotations: Array, up: Array) -> float:
-    """Return how far turns (M - 1, 3, 3) lead from one vertical (M, 3) beside the next, on average."""
-    seen = np.einsum("mkj,mk->mj", rotations, up[:-1])
-    return float(np.mean(np.minimum(np.linalg.norm(seen - up[1:], axis=1), _FAR)))
+def vertical_misfits(rotations: Array, before: Array, after: Array) -> Array:
+    """Return how far turns (m, 3, 3) lead from one vertical (m, 3) beside the next, (m,), at most `_FAR`."""
+    seen = np.einsum("mkj,mk->mj", rotations, before)
+    return np.minimum(np.linalg.norm(seen - after, axis=1), _FAR)
 
 
 def _by_length(forces: Array, gravity: float) -> tuple[Array, Array]:

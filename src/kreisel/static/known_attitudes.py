@@ -89,8 +89,15 @@ class Faces:
 
     def part(self, keep: Indices) -> Self:
         """See `rest_problem.Knowledge`."""
-        own = np.isin(self.node, keep)
-        return replace(self, node=self.node[own] - keep[0], axis=self.axis[own], sign=self.sign[own])
+        return self._chosen(np.isin(self.node, keep), keep[0])
+
+    def laid_down(self) -> Self:
+        """Return the first one of standstills in a row on the same face: turned on a table, all are tilted alike."""
+        follows = (np.diff(self.node) == 1) & (np.diff(self.axis) == 0) & (np.diff(self.sign) == 0.0)
+        return self._chosen(np.r_[True, ~follows], 0)
+
+    def _chosen(self, own: Mask, first: int) -> Self:
+        return replace(self, node=self.node[own] - first, axis=self.axis[own], sign=self.sign[own])
 
 
 @dataclass(frozen=True)

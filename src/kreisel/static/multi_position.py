@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS, Considered
 from kreisel.model.parameters import CellParameters
@@ -215,6 +215,24 @@ def fitted(
         inflated=inflated,
         undecided=np.zeros((problem.layout.degrees, 0)),
     )
+
+
+def part_about(found: StaticEstimate, own: Indices) -> tuple[Array, Array]:
+    """Return what some standstills in a row say by themselves: a change of the parameters (P,), its covariance (P, P).
+
+    By one step from the estimate, with the noise of all: where a part does not show a parameter, steps that follow each
+    other would lead it anywhere, and few rows show little of their noise.
+    """
+    problem, p = found.problem.part(own), found.parameters
+    inflated = {}
+    for kind, variances in found.inflated.items():
+        rows = found.rows[kind]
+        last = rows.node if rows.of_next is None else rows.node + 1
+        inflated[kind] = variances[(rows.node >= own[0]) & (last <= own[-1])]
+    linear = linearised(problem, p, found.attitudes[own])
+    how = weighing(problem, linear, inflated)
+    found_here = solution(problem, linear, how, as_row(found.noise), np.zeros(problem.layout.degrees))
+    return found_here.parameters[0], found_here.covariance[0]
 
 
 def _robust(found: StaticEstimate) -> StaticEstimate:

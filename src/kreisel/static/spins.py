@@ -48,6 +48,11 @@ def uncounted(problem: RestProblem, start: SensorParameters) -> Indices:
     return np.array([m for m, _, ratio in _spins(problem, start) if ratio is None], dtype=np.int64)
 
 
+def many_revolutions(problem: RestProblem, start: SensorParameters) -> Indices:
+    """Return the turns of so many revolutions that uncalibrated gyros lose count."""
+    return np.array([m for m, _, _ in _spins(problem, start)], dtype=np.int64)
+
+
 def cut_off(problem: RestProblem) -> Indices:
     """Return the turns in which a gyro is at the end of its range: nobody knows how far the device turned."""
     imu, rests = problem.imu, problem.rests

@@ -165,7 +165,7 @@ def _by_hand(problem: RestProblem, start: CellParameters, stated: str | None, sq
     turns = _whole_turns(problem, start, faces)
     about = set(faces.axis[np.isin(faces.node, turns.node)].tolist())
     if stated == "six-position" or (stated is None and len(about) < 3):
-        return _chosen("six-position", replace(problem, known=(faces,)), start, stated)
+        return _chosen("six-position", replace(problem, known=(faces.laid_down(),)), start, stated)
     if len(about) < 3:
         missing = ", ".join("xyz"[a] for a in range(3) if a not in about)
         raise RecordingError(
@@ -173,7 +173,7 @@ def _by_hand(problem: RestProblem, start: CellParameters, stated: str | None, sq
             "about each axis: lay the device down, turn it on the table by 360 deg, and leave it again",
             file=problem.imu.source,
         )
-    return _chosen("ferraris", replace(problem, known=(faces, turns)), start, stated)
+    return _chosen("ferraris", replace(problem, known=(faces.laid_down(), turns)), start, stated)
 
 
 def _chosen(name: str, problem: RestProblem, start: CellParameters, stated: str | None) -> Chosen:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.calibration.result import Calibration
-from kreisel.errors import KreiselError, RecordingError
+from kreisel.errors import RecordingError
 from kreisel.estimation.uncertainty import Contribution, along
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.geometry.rotation import Array, Mask, skew
@@ -19,7 +19,7 @@ from kreisel.recording.recording import DataWarning, Recording
 from kreisel.static.count_sizes import in_quantities
 from kreisel.static.known_attitudes import Faces
 from kreisel.static.lost_share import lost_share
-from kreisel.static.multi_position import StaticEstimate, estimate_static, fitted
+from kreisel.static.multi_position import StaticEstimate, estimate_static, part_about
 from kreisel.static.rest_problem import RestProblem, nuisance, raw_of
 from kreisel.static.rest_search import find_rests
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
@@ -269,17 +269,10 @@ def _halves(found: StaticEstimate, walked: Array) -> Array | None:
     middle = rests.count // 2
     if middle < _HALF:
         return None
-    try:
-        parts = [
-            fitted(found.problem.part(own), found.parameters, found.noise, {})
-            for own in (np.arange(middle), np.arange(middle, rests.count))
-        ]
-    except KreiselError:
-        return None
-    first, second = (found.problem.values(part.parameters) for part in parts)
-    variance = parts[0].deviation ** 2 + parts[1].deviation ** 2
+    parts = [part_about(found, own) for own in (np.arange(middle), np.arange(middle, rests.count))]
+    (first, P), (second, Q) = parts
     # the middles of both halves are half a recording apart
-    return np.asarray((first - second) / np.sqrt(variance + 2.0 * walked))
+    return np.asarray((first - second) / np.sqrt(np.diag(P) + np.diag(Q) + 2.0 * walked))
 
 
 def _remarks(found: StaticEstimate, walked: Array, lost: float) -> list[DataWarning]:
