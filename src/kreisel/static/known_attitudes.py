@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -147,12 +147,18 @@ class TableTurns:
         Of the table, in the local level, as first found; of unit length.
     scale_sd
         Deviation of the angles' scale; 0 where an encoder counts turns.
+    reversed : (k,)
+        Sign of a turn that goes the other way than the one before, else 0: there the play of a gear is missing.
+    play_sd
+        Deviation of that play, rad; 0 where there is none.
     """
 
     node: Indices
     angle: Array
     axis: Array
     scale_sd: float = 0.0
+    reversed: Array = field(default_factory=lambda: np.zeros(0))
+    play_sd: float = 0.0
 
     kind = "table"
     usual = None
@@ -164,11 +170,11 @@ class TableTurns:
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
-        """The axis's misalignment against the first one, about the two axes across, and the scale of the angles."""
+        """The axis's misalignment against the first one, about the two axes across; scale of the angles, and play."""
         axis = Nuisance("table", ("table.axis[0]", "table.axis[1]"), np.full(2, _CASE_TURNED))
-        if not self.scale_sd:
-            return (axis,)
-        return axis, Nuisance("table_scale", ("table.scale",), np.array([self.scale_sd]))
+        scale = Nuisance("table_scale", ("table.scale",), np.array([self.scale_sd]))
+        play = Nuisance("table_play", ("table.play",), np.array([self.play_sd]))
+        return axis, *(one for one in (scale, play) if one.width[0])
 
     @property
     def white(self) -> Array:
@@ -192,6 +198,8 @@ class TableTurns:
         """Return that a turn is one about the axis by the angle, by equation (37) of docs/explanation/model.md."""
         n, J = self.axis_by(p)
         angle = (1.0 + nuisance(p, "table_scale", 1)[0]) * self.angle
+        if self.play_sd:
+            angle = angle - nuisance(p, "table_play", 1)[0] * self.reversed
         vector = angle[:, None] * n
         T = matrix(exp(vector))
         before, after = T @ C[self.node], C[self.node + 1]
@@ -201,12 +209,15 @@ class TableTurns:
         columns = {"table": angle[:, None, None] * (turned @ J)}
         if self.scale_sd:
             columns["table_scale"] = self.angle[:, None, None] * (turned @ n)[:, :, None]
+        if self.play_sd:
+            columns["table_play"] = -self.reversed[:, None, None] * (turned @ n)[:, :, None]
         return Equations(r, self.node, own, following, problem.columns(columns, self.node.size))
 
     def part(self, keep: Indices) -> Self:
         """See `rest_problem.Knowledge`."""
         own = _inside(self.node, keep)
-        return replace(self, node=self.node[own] - keep[0], angle=self.angle[own])
+        back = self.reversed[own] if self.reversed.size else self.reversed
+        return replace(self, node=self.node[own] - keep[0], angle=self.angle[own], reversed=back)
 
 
 @dataclass(frozen=True)

@@ -278,7 +278,11 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
         found = fitted(one.problem, one.parameters, one.noise, found.inflated, one.attitudes)
         tell(0.7)
     considered = [_considered(group, one, usual, found) for group, one in first.items()]
-    undecided = [_undecided(found, one) for one in others if one.problem.effects != found.problem.effects]
+    undecided = [
+        undecided_by(found, one, USUAL_ODDS ** (len(one.problem.effects) - len(found.problem.effects)))
+        for one in others
+        if one.problem.effects != found.problem.effects
+    ]
     return replace(
         found,
         considered=tuple(sorted(considered, key=lambda c: -c.gain)),
@@ -286,14 +290,15 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
     )
 
 
-def _undecided(found: StaticEstimate, other: StaticEstimate) -> Array:
-    """Return what other effects would do to the parameters, (P, k), by the probability that these are the device's.
+def undecided_by(found: StaticEstimate, other: StaticEstimate, odds: float) -> Array:
+    """Return what another model would do to the parameters, (P, k), by the probability that it is the right one.
 
-    The square of the first column is that of the change, of the others what they leave open beyond the estimate.
+    The square of the first column is that of the change, of the others what it leaves open beyond the estimate.
+
+    odds: of the other model, before any look at the data.
     """
     problem = found.problem
-    more = len(other.problem.effects) - len(problem.effects)
-    gain = other.log_evidence - found.log_evidence + more * np.log(USUAL_ODDS)
+    gain = other.log_evidence - found.log_evidence + np.log(odds)
     share = 1.0 / (1.0 + np.exp(-np.clip(gain, -_FAR, _FAR)))
     change = problem.values(problem.room(other.parameters)) - problem.values(found.parameters)
     names = {name: i for i, name in enumerate(other.problem.names)}

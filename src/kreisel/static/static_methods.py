@@ -239,8 +239,18 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
     axes = np.einsum("kij,kj->ki", C[node], way[node] / angle[node, None])
     axis = np.median(axes / np.linalg.norm(axes, axis=1, keepdims=True), axis=0)
     axis /= np.linalg.norm(axis)
-    turns = TableTurns(node, angle[node], axis, _RATE_SCALE if table.by_rate else 0.0)
+    turns = TableTurns(node, angle[node], axis, _RATE_SCALE if table.by_rate else 0.0, _reversed(angle)[node])
     return Chosen("turntable", replace(problem, known=(turns,)), _with_turns(start, way[node], turns, C[node]))
+
+
+def _reversed(angle: Array) -> Array:
+    """Return the sign of each turn (k,) that goes the other way than the one before, of others zero."""
+    out, way = np.zeros(angle.size), 0.0
+    for k, one in enumerate(angle):
+        if abs(one) > _TURNED:
+            out[k] = np.sign(one) if np.sign(one) == -way else 0.0
+            way = float(np.sign(one))
+    return out
 
 
 @dataclass(frozen=True)

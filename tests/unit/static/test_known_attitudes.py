@@ -32,7 +32,14 @@ def kinds(rng):
     return (
         Faces(np.array([0, 2, 3]), np.array([0, 2, 1]), np.array([1.0, -1.0, 1.0]), 2e-3),
         WholeTurns(np.array([1, 4])),
-        TableTurns(np.array([0, 3, 5]), np.array([0.7, -9.0, 2.0]), np.array([0.6, 0.0, 0.8]), 1e-3),
+        TableTurns(
+            np.array([0, 3, 5]),
+            np.array([0.7, -9.0, 2.0]),
+            np.array([0.6, 0.0, 0.8]),
+            1e-3,
+            np.array([0.0, -1.0, 1.0]),
+            2e-3,
+        ),
         HingeTurns(np.array([0, 1, 4, 5]), np.array([0, 0, 1, 1]), np.array([[0.6, 0.0, 0.8], [0.0, -1.0, 0.0]])),
     )
 
