@@ -32,12 +32,14 @@ _PRIORS = {
     "smoothing": 3e-5,
     "rate": 1e-3,
     "slope": 0.05,
+    "filtering": 3e-5,
 }
 """Standard deviations: position (m), turn against the first estimate (rad), position of one accelerometer against that
 of its IMU (m), matrix, change of the offset since the standstills and half its drift (m/s^2), delay of the
 accelerometers against the gyros (s), smoothing beyond the gyros' (s^2), mean offset of the gyros since the standstills
-(rad/s), share by which the gyros' derivatives fall short. The offsets': 5 mg and 200 deg/h, by which inexpensive units
-drift when they warm up. Derivatives of 4 Hz are 3 % short by cubics at 62.5 Hz, and 2 % by a filter of 20 Hz."""
+(rad/s), share by which the gyros' derivatives fall short, smoothing of the gyros (s^2; a filter of 30 Hz). The offsets:
+5 mg and 200 deg/h, by which inexpensive units drift when they warm up. Derivatives of 4 Hz are 3 % short by cubics at
+62.5 Hz, and 2 % by a filter of 20 Hz."""
 
 _UNKNOWN = {"offset": 0.6, "matrix": 5e-2, "rate": 0.1}
 """The same of an IMU that is not calibrated by standstills: those of usual devices, see `model.groups`; where none is,
@@ -119,13 +121,13 @@ class _Layout:
         self.offset = [slice(at + 6 * k, at + 6 * k + 6) for k in range(count)]
         at += 6 * count
         self.gyro, self.lag, self.smoothing, self.rate = slice(at, at + 9), at + 9, at + 10, slice(at + 11, at + 14)
-        self.slope = at + 14
-        self.size = at + 15
+        self.slope, self.filtering = at + 14, at + 15
+        self.size = at + 16
         sizes = [3 * (count - 1), 3 * (count - 1), 9 * count, 9 * count, 6 * count]
         names = ("position", "turn", "arm", "matrix", "offset")
         own = np.repeat([_PRIORS[name] for name in names], sizes)
         rate = (_UNKNOWN if not any(calibrated) else _PRIORS)["rate"]
-        common = [_PRIORS["lag"], _PRIORS["smoothing"], *[rate] * 3, _PRIORS["slope"]]
+        common = [_PRIORS["lag"], _PRIORS["smoothing"], *[rate] * 3, _PRIORS["slope"], _PRIORS["filtering"]]
         self.deviations = np.concatenate([own, gyro, common])
         for k in np.flatnonzero(~np.array(calibrated)):
             self.deviations[self.offset[k].start : self.offset[k].start + 3] = _UNKNOWN["offset"]
@@ -406,7 +408,7 @@ def _rows(
         turn = layout.turn[k]
         offset, drift = theta[layout.offset[k]].reshape(2, 3)
         axes = motion.axes[k] @ (np.eye(3) if turn is None else matrix(exp(theta[turn])))
-        omega = mean + (delays[k] + theta[layout.lag])[:, None] * alpha
+        omega = mean + (delays[k] + theta[layout.lag])[:, None] * alpha - theta[layout.filtering] * motion.bend[part]
         for j in range(3):
             row, s, r = 3 * k + j, axes[:, j], layout.arm_of(theta, k, j)
             across = np.cross(r, s)
@@ -427,4 +429,5 @@ def _rows(
             J[:, row, layout.gyro] = (by_rate[:, :, None] * omega[:, None, :]).reshape(samples, 9)
             J[:, row, layout.smoothing] = bent @ r
             J[:, row, layout.rate] = by_rate
+            J[:, row, layout.filtering] = -np.sum(by_rate * motion.bend[part], axis=1)
     return H, known, J

@@ -45,8 +45,9 @@ def test_the_data_show_the_method(laid, method, kinds):
 def test_what_is_known_is_what_was_done():
     problem, _ = case(laid="whole turns", attitudes=6)
     faces, turns = chosen("ferraris", problem).problem.known
-    assert faces.axis.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2]  # the first face of each axis twice, with a turn between
-    assert faces.sign.tolist() == [1, 1, -1] * 3
+    assert faces.axis.tolist() == [0, 0, 1, 1, 2, 2]  # after a turn on the table a face is not laid down anew
+    assert faces.sign.tolist() == [1, -1] * 3
+    assert faces.node.tolist() == [0, 2, 3, 5, 6, 8]
     assert turns.node.tolist() == [0, 3, 6]
     assert chosen("six-position", problem).name == "six-position"
     assert chosen("multi-position", problem).problem.known == ()
