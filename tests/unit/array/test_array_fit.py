@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from kreisel.array.array_fit import fit_array
 from kreisel.array.hand_motion import hand_motion, matrix_deviation
@@ -104,6 +105,27 @@ def test_offsets_that_drift_are_not_taken_for_positions(tmp_path):
     apart = fit.positions[1] - PLACES[1]
     assert apart @ np.linalg.solve(fit.covariance[1][:3, :3], apart) / 3.0 < 3.0
     assert np.abs(apart).max() < 5e-5
+
+
+def test_what_a_filter_takes_of_the_rates_is_found(tmp_path):
+    """Without it distances are 0.4 % too long; with the gyros' derivatives they are six times as certain as without."""
+    imus, _ = array(13, 4, tmp_path)
+    unfiltered, _ = found_of(imus)
+    share = 1.0 - np.exp(-2.0 * np.pi * 20.0 / RATE)
+    smoothed = [replace(imu, rates=lfilter([share], [1.0, share - 1.0], imu.rates, axis=0)) for imu in imus]
+    fit, _ = found_of(smoothed)
+    assert max(chi_square(fit, k) for k in (1, 2, 3)) < 3.0
+    assert fit.lag[0] > 3.5e-3
+    for found in (fit, unfiltered):
+        assert np.sqrt(np.trace(found.covariance[1][:3, :3])) < 2e-4
+
+
+def test_derivatives_that_do_not_fit_do_not_count(tmp_path):
+    """Gyros read vibration as rates of 21 Hz, with slopes of 8 rad/s^2, that nothing does."""
+    imus, _ = array(14, 4, tmp_path)
+    shake = 0.06 * np.sin(2.0 * np.pi * 21.0 * imus[0].seconds)[:, None] * np.array([1.0, -0.8, 0.6])
+    fit, _ = found_of([replace(imu, rates=imu.rates + shake) for imu in imus])
+    assert max(chi_square(fit, k) for k in (1, 2, 3)) < 5.0  # 8 if they count
 
 
 def test_a_unit_that_vibrates_counts_less_and_does_not_spoil_the_others(tmp_path):
