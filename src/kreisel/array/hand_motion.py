@@ -9,6 +9,7 @@ import numpy as np
 
 from kreisel.array.clock_refinement import refined_clock
 from kreisel.array.resampled import resampled, white_noise
+from kreisel.array.sudden_change import SuddenChange, sudden_change
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Mask, nearest_rotation
@@ -46,6 +47,8 @@ class HandMotion:
         Of the derivative, rad/s^2: by noise, and by what a cubic through seven samples leaves out.
     clocks
         Of each IMU against the first.
+    change
+        The clearest sudden change of an IMU, if there is one.
     """
 
     seconds: Array
@@ -57,6 +60,7 @@ class HandMotion:
     curvature: Array
     slope_deviation: Array
     clocks: tuple[Clock, ...]
+    change: SuddenChange | None = None
 
     @property
     def mean(self) -> Array:
@@ -119,7 +123,7 @@ def hand_motion(
     doubt = _slope_deviation(mean, slope, times)
     return HandMotion(
         times[used], rates[:, used], forces[:, used], axes, slope[used], bend[used], curvature[used], doubt[used],
-        tuple(found),
+        tuple(found), sudden_change(times[known], rates[:, known], slope[known]),
     )  # fmt: skip
 
 

@@ -70,6 +70,13 @@ def locate(
     if progress is not None:
         progress("estimate positions", 0.5)
     motion = hand_motion(imus, sensors, clocks, [~_clipped(imu) for imu in imus])
+    if motion.change is not None:
+        changed = members[motion.change.number].name
+        left_out[changed] = motion.change.text
+        if len(members) < 3:
+            raise RecordingError(f"{changed}: {motion.change.text}", file=recordings[0].path)
+        rest = locate(read, [name for name in names if name not in left_out], progress)
+        return replace(rest, left_out=(*left_out.items(), *rest.left_out))
     return _concluded(recordings[0], members, imus, motion, tuple(left_out.items()))
 
 

@@ -205,5 +205,7 @@ def derive(
 
 def _stacked(many: Sequence[SensorParameters]) -> SensorParameters:
     """Return the matrices, offsets and lever arms of many sensors along a first axis."""
-    names = ("K_omega", "k_w", "K_a", "k_a", "lever_arms")
-    return SensorParameters(**{name: np.stack([getattr(one, name) for one in many]) for name in names})
+    K_omega, k_w, K_a, k_a, lever_arms = (
+        np.stack([getattr(one, name) for one in many]) for name in ("K_omega", "k_w", "K_a", "k_a", "lever_arms")
+    )
+    return SensorParameters(K_omega, k_w, K_a, k_a, lever_arms)

@@ -1,0 +1,181 @@
+"""Whether an IMU of an array turned on the body, or its clock jumped, at some moment of a recording.
+
+Its rates then differ from the others' before and after: by a rotation of the rates, or along their derivative. A
+constant rotation and delay, a matrix that errs, offsets, and clocks of another rate are in all of the recording alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Indices, Mask, skew
+
+_PARTS, _EDGE = 60, 3
+"""Parts of a recording between which a change is looked for, and those at either end in which it is not."""
+
+_SURE = 60.0
+"""Chi-square, over the scatter of the parts, from which a change counts. Chosen: that of noise alone is beyond it with
+a probability of 1e-10, and what vibrates or bends differs from part to part by as much as it scatters."""
+
+_TURN, _DELAY = 2e-3, 1e-3
+"""rad and s: smallest change that counts. Chosen: on a public board of eight units that nothing touched, delays
+differed by 0.9 ms from part to part, and rotations by 4 mrad between slow and fast ones."""
+
+_ALONE, _OF_TWO = 1.6, 3.0
+"""By how much the change of one unit must exceed that of any other, and of two units the smallest one that counts: of
+three units the other two change by half of it."""
+
+_RICH = 0.03
+"""Share of the information of usual parts that a part must have to show a change by itself."""
+
+_SIZES = (0.03, 0.4)
+"""Rates, over those of the fastest part, from which a part is a slow one, and a fast one."""
+
+_MEDIANS = {1: 0.455, 3: 2.366}
+"""Medians of chi-square, by degrees of freedom."""
+
+
+@dataclass(frozen=True)
+class SuddenChange:
+    """A change of one IMU.
+
+    Attributes
+    ----------
+    number
+        Of the IMU.
+    seconds
+        When.
+    size
+        rad, or s.
+    weight
+        Chi-square by which the data show it.
+    turn
+        Whether it is a rotation, and not a delay.
+    """
+
+    number: int
+    seconds: float
+    size: float
+    weight: float
+    turn: bool
+
+    @property
+    def text(self) -> str:
+        """What is said of it."""
+        if self.turn:
+            return f"turns against the others by {1e3 * self.size:.2g} mrad at about {self.seconds:.0f} s: fasten it"
+        return f"its clock jumps by {1e3 * self.size:.2g} ms at about {self.seconds:.0f} s"
+
+
+def sudden_change(seconds: Array, rates: Array, slope: Array) -> SuddenChange | None:
+    """Return the clearest change of an IMU against all others, if there is one; of two, the second one changes.
+
+    Parameters
+    ----------
+    seconds : (n,)
+    rates : (N, n, 3)
+        In common axes.
+    slope : (n, 3)
+        Derivative of their mean.
+    """
+    count, total = len(rates), rates.sum(axis=0)
+    units = range(1 if count == 2 else 0, count)
+    changes = [_changes(k, seconds, rates[k], (total - rates[k]) / (count - 1), slope) for k in units]
+    found = []
+    for turn, least in ((True, _TURN), (False, _DELAY)):
+        own = sorted((one for each in changes for one in each if one.turn is turn), key=lambda one: -one.size)
+        usual = own[1].size * _ALONE if len(own) > 1 else least * (_OF_TWO if count == 2 else 1.0)
+        if own and own[0].size > max(usual, least):
+            found.append(own[0])
+    return max(found, key=lambda change: change.weight, default=None)
+
+
+def _changes(number: int, seconds: Array, own: Array, others: Array, slope: Array) -> list[SuddenChange]:
+    """Return the clearest turn and the clearest delay of an IMU against the others' mean (n, 3), if there are any."""
+    late = (seconds - seconds[0]) / (seconds[-1] - seconds[0])
+    part = np.minimum((late * _PARTS).astype(int), _PARTS - 1)
+    power = np.bincount(part, np.sum(others**2, axis=1), _PARTS) / np.maximum(np.bincount(part, minlength=_PARTS), 1)
+    out: dict[bool, SuddenChange] = {}
+    for group in _alike(power):
+        used = group[part]
+        if not used.any():
+            continue
+        lasting = _lasting(others[used], slope[used], late[used])
+        left = own[used] - others[used]
+        left = left - lasting @ _least_squares(lasting, left)
+        for turn, X in ((True, -skew(others[used])), (False, slope[used][:, :, None])):
+            k, size, weight = _clearest(*_sums(part[used], X, lasting, left), np.flatnonzero(group))
+            if weight > max(_SURE, out[turn].weight if turn in out else 0.0):
+                when = float(seconds[0] + (seconds[-1] - seconds[0]) * k / _PARTS)
+                out[turn] = SuddenChange(number, when, size, weight, turn)
+    return list(out.values())
+
+
+def _lasting(rates: Array, slope: Array, late: Array) -> Array:
+    """Return what is alike all the time, (n, 3, 14): a matrix, offsets, a delay and what it gains."""
+    X = np.zeros((len(rates), 3, 14))
+    for j in range(3):
+        X[:, j, 3 * j : 3 * j + 3], X[:, j, 9 + j] = rates, 1.0
+    X[:, :, 12], X[:, :, 13] = slope, late[:, None] * slope
+    return X
+
+
+def _least_squares(X: Array, y: Array) -> Array:
+    """Return the least squares solution (p,) for columns X (n, 3, p) and values y (n, 3)."""
+    rows = X.reshape(-1, X.shape[2])
+    size = np.sqrt(np.mean(rows**2, axis=0)) + 1e-12
+    A, b = rows.T @ rows / size[:, None] / size, rows.T @ y.ravel() / size
+    return np.asarray(np.linalg.lstsq(A, b, rcond=1e-12)[0] / size)
+
+
+def _alike(power: Array) -> list[Mask]:
+    """Return the parts (parts,) that are slow, and those that are fast, by the means of their squared rates.
+
+    Gyros that are not linear turn rates of another size by another angle: only like parts are compared.
+    """
+    size = np.sqrt(power / power.max())
+    return [(size > low) & (size <= high) for low, high in zip(_SIZES, (*_SIZES[1:], 1.0), strict=True)]
+
+
+def _sums(part: Indices, X: Array, lasting: Array, left: Array) -> tuple[Array, Array, Array, Array]:
+    """Return sums over parts, by white noise, about changes along X (n, 3, p).
+
+    Information (parts, p, p), that in common with what lasts (parts, p, q), score (parts, p), and the information about
+    what lasts (q, q).
+    """
+    variance = max((1.4826 * float(np.median(np.abs(left)))) ** 2, 1e-30)
+    p, q = X.shape[2], lasting.shape[2]
+    info, cross, score = np.zeros((_PARTS, p, p)), np.zeros((_PARTS, p, q)), np.zeros((_PARTS, p))
+    np.add.at(info, part, np.swapaxes(X, 1, 2) @ X / variance)
+    np.add.at(cross, part, np.swapaxes(X, 1, 2) @ lasting / variance)
+    np.add.at(score, part, np.einsum("nip,ni->np", X, left) / variance)
+    rows = lasting.reshape(-1, q)
+    return info, cross, score, rows.T @ rows / variance
+
+
+def _clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indices) -> tuple[int, float, float]:
+    """Return the first part after the clearest change, its size, and its chi-square over the scatter of the parts.
+
+    group: numbers of the parts that are compared; of others the sums are zero.
+    """
+    p = score.shape[1]
+    least = _RICH * float(np.trace(info.sum(axis=0))) / (p * group.size)
+    rich = np.linalg.eigvalsh(info)[:, 0] > least
+    places = np.flatnonzero(rich)[_EDGE:-_EDGE]
+    if places.size < 2:
+        return 0, 0.0, 0.0
+    value = np.linalg.solve(info[rich], score[rich][..., None])[..., 0]
+    spread = np.linalg.inv(info[rich])
+    step = value[1:] - value[:-1]
+    chi = np.einsum("ki,kij,kj->k", step, np.linalg.inv(spread[1:] + spread[:-1]), step)
+    scatter = max(1.0, float(np.median(chi)) / _MEDIANS[p])
+    A, C, b = (np.cumsum(values[::-1], axis=0)[::-1][places] for values in (info, cross, score))
+    # what lasts is estimated, too: differences have no share of it
+    V = A - C @ np.linalg.pinv(whole, rcond=1e-12, hermitian=True) @ np.swapaxes(C, 1, 2)
+    V += 1e-6 * np.trace(A[0]) * np.eye(p)
+    size = np.linalg.solve(V, b[..., None])[..., 0]
+    weight = np.einsum("ki,ki->k", size, b) / scatter
+    best = int(np.argmax(weight))
+    return int(places[best]), float(np.linalg.norm(size[best])), float(weight[best])
