@@ -33,13 +33,14 @@ _PRIORS = {
     "rate": 1e-3,
     "slope": 0.05,
     "filtering": 3e-5,
+    "late": 5e-3,
 }
 """Standard deviations: position (m), turn against the first estimate (rad), position of one accelerometer against that
 of its IMU (m), matrix, change of the offset since the standstills and half its drift (m/s^2), delay of the
 accelerometers against the gyros (s), smoothing beyond the gyros' (s^2), mean offset of the gyros since the standstills
-(rad/s), share by which the gyros' derivatives fall short, smoothing of the gyros (s^2; a filter of 30 Hz). The offsets:
-5 mg and 200 deg/h, by which inexpensive units drift when they warm up. Derivatives of 4 Hz are 3 % short by cubics at
-62.5 Hz, and 2 % by a filter of 20 Hz."""
+(rad/s), share by which the gyros' derivatives fall short, smoothing of the gyros (s^2; a filter of 30 Hz), delay of an
+IMU's accelerometers beyond that of the first one's (s). The offsets: 5 mg and 200 deg/h, by which inexpensive units
+drift when they warm up. Derivatives of 4 Hz are 3 % short by cubics at 62.5 Hz, and 2 % by a filter of 20 Hz."""
 
 _UNKNOWN = {"offset": 0.6, "matrix": 5e-2, "rate": 0.1}
 """The same of an IMU that is not calibrated by standstills: those of usual devices, see `model.groups`; where none is,
@@ -122,12 +123,15 @@ class _Layout:
         at += 6 * count
         self.gyro, self.lag, self.smoothing, self.rate = slice(at, at + 9), at + 9, at + 10, slice(at + 11, at + 14)
         self.slope, self.filtering = at + 14, at + 15
-        self.size = at + 16
+        at += 16
+        self.late = [at + k - 1 if k else None for k in range(count)]
+        self.size = at + count - 1
         sizes = [3 * (count - 1), 3 * (count - 1), 9 * count, 9 * count, 6 * count]
         names = ("position", "turn", "arm", "matrix", "offset")
         own = np.repeat([_PRIORS[name] for name in names], sizes)
         rate = (_UNKNOWN if not any(calibrated) else _PRIORS)["rate"]
         common = [_PRIORS["lag"], _PRIORS["smoothing"], *[rate] * 3, _PRIORS["slope"], _PRIORS["filtering"]]
+        common += [_PRIORS["late"]] * (count - 1)
         self.deviations = np.concatenate([own, gyro, common])
         for k in np.flatnonzero(~np.array(calibrated)):
             self.deviations[self.offset[k].start : self.offset[k].start + 3] = _UNKNOWN["offset"]
@@ -419,6 +423,9 @@ def _rows(
             centripetal = (omega @ s)[:, None] * omega - np.sum(omega**2, axis=1)[:, None] * s
             bent = motion.curvature[part] @ s
             known[:, row] = (centripetal + theta[layout.smoothing] * bent) @ r + offset[j] + late * drift[j]
+            if layout.late[k] is not None:  # by gyros that a filter delays, clocks are late, and accelerometers are not
+                J[:, row, layout.late[k]] = motion.force_slopes[k, part, j]
+                known[:, row] += theta[layout.late[k]] * motion.force_slopes[k, part, j]
             J[:, row, layout.offset[k].start + j], J[:, row, layout.offset[k].start + 3 + j] = 1.0, late
             by_position = np.cross(s, alpha) + centripetal
             J[:, row, layout.arm[k][j]] = by_position

@@ -39,6 +39,8 @@ class HandMotion:
         On the clock of the first IMU.
     rates, forces : (N, n, 3)
         rad/s in the axes of the first IMU; m/s^2 in each one's own.
+    force_slopes : (N, n, 3)
+        Derivatives of the forces.
     axes : (N, 3, 3)
         Turn vectors of an IMU's axes into those of the first.
     slope, bend, curvature : (n, 3), (n, 3), (n, 3, 3)
@@ -54,6 +56,7 @@ class HandMotion:
     seconds: Array
     rates: Array
     forces: Array
+    force_slopes: Array
     axes: Array
     slope: Array
     bend: Array
@@ -120,10 +123,11 @@ def hand_motion(
     used = np.flatnonzero(moving)
     used = used[np.unique(np.linspace(0, used.size - 1, min(used.size, _MOST)).astype(int))]
     forces = np.array([part.forces for part in parts])
+    force_slopes = np.array([cubics.slopes(part.forces) for part in parts])
     doubt = _slope_deviation(mean, slope, times)
     return HandMotion(
-        times[used], rates[:, used], forces[:, used], axes, slope[used], bend[used], curvature[used], doubt[used],
-        tuple(found), sudden_change(times[known], rates[:, known], slope[known]),
+        times[used], rates[:, used], forces[:, used], force_slopes[:, used], axes, slope[used], bend[used],
+        curvature[used], doubt[used], tuple(found), sudden_change(times[known], rates[:, known], slope[known]),
     )  # fmt: skip
 
 

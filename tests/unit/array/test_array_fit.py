@@ -120,6 +120,18 @@ def test_what_a_filter_takes_of_the_rates_is_found(tmp_path):
         assert np.sqrt(np.trace(found.covariance[1][:3, :3])) < 2e-4
 
 
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_unit_whose_gyros_alone_are_late_is_where_it_is(number, tmp_path):
+    """By 4 ms: its clock follows the gyros, and its accelerometers are early, which was 0.5 mm of its place."""
+    imus, _ = array(15, 3, tmp_path)
+    t = imus[number].seconds
+    late = [np.interp(t - 4e-3, t, rate) for rate in imus[number].rates.T]
+    imus[number] = replace(imus[number], rates=np.column_stack(late))
+    fit, motion = found_of(imus)
+    assert abs(motion.clocks[1].start) == pytest.approx(4e-3, abs=3e-4)
+    assert max(chi_square(fit, k) for k in (1, 2)) < 5.0
+
+
 def test_derivatives_that_do_not_fit_do_not_count(tmp_path):
     """Gyros read vibration as rates of 21 Hz, with slopes of 8 rad/s^2, that nothing does."""
     imus, _ = array(14, 4, tmp_path)
