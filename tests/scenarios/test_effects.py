@@ -11,6 +11,7 @@ from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
+from kreisel.study.situations import random_situation
 from kreisel.study.truth_comparison import group_errors
 from kreisel.validation.checks import check_streams
 
@@ -124,3 +125,18 @@ def test_an_effect_that_must_not_be_estimated_is_not():
     outcome = run_calibration(recording, CalibrationSettings(fixed=("accel_delay",)))
     assert "accel_delay" not in outcome.problem.layout
     assert "accel_delay" not in {effect.group for effect in outcome.estimate.considered}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [68392, 68787])
+def test_effects_that_errors_on_no_list_hide_are_found(number):
+    """Terms by rate and angular acceleration had stood for the response to force; offsets were 5 deviations off."""
+    situation = random_situation(number)
+    cell = Cell.model_validate({**situation.cell, "seed": number})
+    truth, recording = simulate(cell, Path("cell"))
+    outcome = run_calibration(check_streams(recording), CalibrationSettings())
+    included = {effect.group for effect in outcome.estimate.considered if effect.included}
+    assert "gyro_g_sensitivity" in included
+    assert not any(one.family.name.startswith("gyroscope") for one in outcome.estimate.discrepancy)
+    found = outcome.calibration.sensors.effects["gyro_g_sensitivity"]
+    np.testing.assert_allclose(found.reshape(3, 3), truth.effects.g_sensitivity, rtol=0, atol=4e-5)

@@ -174,7 +174,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     passes = _without_contradiction(problem, passes, work)
     passes = _without_needless(problem, _with_effects(problem, passes, work), work)
     passes = _without_contradiction(problem, passes, work)
-    passes, discrepancy = _with_discrepancy(problem, passes, work)
+    passes, discrepancy = _with_hidden_effects(problem, passes, *_with_discrepancy(problem, passes, work), work)
     contradicted = _contradicted(problem, passes, problem)
     adapted = passes.adapted
     passes = _with_coloured_noise(passes, work)
@@ -421,6 +421,35 @@ def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Pa
     if _probability(last) < _probability(passes):
         return passes, Discrepancy()
     return last, found
+
+
+def _with_hidden_effects(
+    first: Problem, before: _Passes, after: _Passes, found: Discrepancy, work: _Work
+) -> tuple[_Passes, Discrepancy]:
+    """Return passes and terms with effects that only show once errors on no list are taken out of the data.
+
+    Before, they were hidden by these, and their share was taken by the terms: all is found again with them, and kept if
+    that is likelier.
+
+    before, after: the passes without and with the terms that were found.
+    """
+    if not found.found:
+        return after, found
+
+    def surveyed(passes: _Passes) -> Survey | None:
+        linear = work.linear(passes.problem, passes.run)
+        return survey(passes.problem, passes.run, linear, work.estimator, work.step("effects"))
+
+    shown = surveyed(after)
+    after = replace(after, survey=shown, surveyed=after.problem)
+    hidden = () if shown is None else selected(shown)
+    at_first = surveyed(before) if hidden else None
+    if at_first is None or not set(hidden) <= set(at_first.groups):
+        return after, found
+    problem, begun = at_first.conditioned(hidden)
+    once = _until_settled(with_noise_of(first, problem), after.count, work, begun)
+    again, terms = _with_discrepancy(first, replace(once, survey=shown, walk_gain=before.walk_gain), work)
+    return (again, terms) if _probability(again) > _probability(after) else (after, found)
 
 
 def _with_arm_size(passes: _Passes, work: _Work) -> _Passes:
