@@ -1,5 +1,7 @@
 """First values: which gyro axis belongs to which accelerometer, and that no mirror image is taken."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,3 +48,12 @@ def test_too_few_standstills_are_said():
     _, problem = case(1, attitudes=5, rest=2.0)
     with pytest.raises(RecordingError, match="expected 6 or more"):
         first_values(problem)
+
+
+def test_rates_in_another_unit_than_the_stated_are_said():
+    """Taken for deg/s, and changed to rad/s once more."""
+    _, problem = case(2, attitudes=12, rest=2.0)
+    imu = replace(problem.imu, rates=np.pi / 180.0 * problem.imu.rates)
+    wrong = RestProblem(imu, raw_of(imu), find_rests(imu), problem.site)
+    with pytest.raises(RecordingError, match="57.3 times as far in the device as its rates say: are they in rad/s, "):
+        first_values(wrong)
