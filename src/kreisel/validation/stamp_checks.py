@@ -23,6 +23,9 @@ LONG_GAP = 0.05
 
 _MIN_DURATION, _MAX_DURATION = 1.0, 1e7  # s; a unit is proposed only if the recording lasts as long as this in it
 
+_BITS, _NEAR = 32, 10.0
+"""Of counters that overflow; and usual steps by which the step back may differ from all that such a counter counts."""
+
 
 def runs(mask: NDArray[np.bool_]) -> tuple[Indices, Indices]:
     """Return the first index of each run of true values, and the index after its last."""
@@ -81,7 +84,7 @@ def check_stamps(stream: Rows, what: str) -> None:
         raise fault(
             source,
             f"stamps run backwards by {-steps[k] * 1e-9:.6g} s here{and_more(back.size - 1, 'places')}; "
-            f"sort the {rows(source)}, or split the recording where the clock was reset",
+            + (_overflow(steps, k) or f"sort the {rows(source)}, or split the recording where the clock was reset"),
             stream.row_of(k + 1),
         )
     same = np.flatnonzero(steps == 0)
@@ -271,3 +274,16 @@ def gap_warnings(imu: ImuSamples, longest: float) -> list[DataWarning]:
             DataWarning("gaps", f"{name}: {steps[k]:.3f} s without samples after {where}; the recording is split there")
         )
     return warnings
+
+
+def _overflow(steps: Stamps, k: int) -> str:
+    """Return what is said of a step that is that of a counter which begins anew; empty for others."""
+    usual = float(np.median(steps))
+    for unit, nanoseconds in (("ns", 1.0), ("us", 1e3), ("ms", 1e6)):
+        whole = 2.0**_BITS * nanoseconds
+        if abs(whole + steps[k] - usual) < _NEAR * usual:
+            return (
+                f"a counter of {_BITS} bits begins anew: add {2**_BITS} {unit} to all stamps from here on, or let the "
+                "device count with 64"
+            )
+    return ""

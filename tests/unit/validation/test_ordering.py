@@ -55,6 +55,14 @@ def test_a_clock_that_was_set_back_is_not_sorted(back: float) -> None:
     assert "stamps run backwards" in message(with_imu(r, stamps_ns=stamps))
 
 
+@pytest.mark.parametrize(("unit", "name"), [(1, "ns"), (1000, "us")])
+def test_a_counter_that_begins_anew_is_recognised(unit: int, name: str) -> None:
+    r = recording()
+    later = np.arange(r.imu.stamps_ns.size) >= 1200
+    wrapped = with_imu(r, stamps_ns=r.imu.stamps_ns - np.where(later, 2**32 * unit, 0))
+    assert f"a counter of 32 bits begins anew: add 4294967296 {name} to all stamps" in message(wrapped)
+
+
 def test_order_that_is_lost_altogether_is_not_sorted() -> None:
     r = recording()
     order = np.random.default_rng(1).permutation(r.imu.stamps_ns.size)
