@@ -300,7 +300,10 @@ def _pass(
     motion: HandMotion, layout: _Layout, theta: Array, alpha: Array, delays: Array, weights: Array, variance: float,
     number: int, trust: Array, doubt: float,
 ) -> _Sums:  # fmt: skip
-    """Return sums over all samples; `alpha` becomes what they show. trust: (N,), factors on the readings of units."""
+    """Return sums over all samples; `alpha` becomes what they show.
+
+    trust: (N,), factors on the readings of units; doubt: factor on the deviation of the gyros' derivatives.
+    """
     n, p = motion.seconds.size, layout.size
     block = np.floor((motion.seconds - motion.seconds[0]) / _BLOCK).astype(int)
     sums = _Sums(
