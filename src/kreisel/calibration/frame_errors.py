@@ -15,7 +15,7 @@ _LASTS = 10.0
 _Z, _LAST_AXIS = 2, 1.25
 """The tool's axis about which the last joint turns, and how much larger errors about it are. Chosen: a zero of that
 joint, and of those that turn about the same direction, is seen in no pose, while errors across it change with the
-joint's angle; in 45 simulated arms without joint angles errors about it were 1.25 of the deviation, those across 0.65."""
+joint's angle; in 45 simulated arms without joint angles errors about it were 1.25 of the deviation, across it 0.65."""
 
 
 def repeatability_columns(problem: Problem, parameters: CellParameters) -> Array:

@@ -38,7 +38,7 @@ def test_a_tool_turned_sees_the_same_motion_turned(columns, axis):
     """Corrected rates and forces at the origin of b come out turned; terms of the square of the angle are 1e-10."""
     rng = np.random.default_rng(axis)
     w, a, alpha = (rng.normal(size=(20, 3)) for _ in range(3))
-    turn = quat.exp(ANGLE * (1.25 if axis == 2 else 1.0) * np.eye(3)[axis])  # the last joint's zero adds to that about z
+    turn = quat.exp(ANGLE * (1.25 if axis == 2 else 1.0) * np.eye(3)[axis])  # with the last joint's zero
     before, after = parameters().sensors, moved(columns[:, axis]).sensors
     omega = correct_angular_rate(w, before)
     turned = correct_angular_rate(w, after)
