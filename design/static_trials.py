@@ -46,7 +46,6 @@ SITUATIONS: dict[str, HandTurns] = {
     "warm-up": HandTurns(warm_up=1.0),
     "warm-up, large": HandTurns(warm_up=5.0),
     "quadratic accelerometers": HandTurns(quadratic=3e-4),
-    "cubic accelerometers": HandTurns(cubic=1e-5),
     "cubic gyros": HandTurns(gyro_cubic=3e-4),
     "jitter 1 ms": HandTurns(jitter=1e-3),
     "lost samples 0.2 %": HandTurns(lost=2e-3),

@@ -56,7 +56,7 @@ class ParameterGroup:
     by_choice
         Whether it is estimated only if asked for.
     rare
-        Whether a calibration in motion looks for it only in devices whose grade has it.
+        Whether it is looked for only in devices whose grade has it.
     common_elsewhere
         Whether the mean of its parameters is a parameter of another group, so that their sum is zero.
     traceless

@@ -55,8 +55,8 @@ class HandTurns:
         Excess of the offsets at the beginning, in units of the grade's usual offsets; it decays in a minute.
     quadratic
         Of the accelerometers, per m/s^2.
-    cubic, gyro_cubic
-        Standard deviations of cubic terms: of the accelerometers, (m/s^2)^-2, and of the gyros, (rad/s)^-2.
+    gyro_cubic
+        Standard deviation of cubic terms of the gyros, (rad/s)^-2.
     jitter
         s: standard deviation of when a sample is taken, against its stamp.
     lost
@@ -94,7 +94,6 @@ class HandTurns:
     vibration: float = 0.0
     warm_up: float = 0.0
     quadratic: float = 0.0
-    cubic: float = 0.0
     gyro_cubic: float = 0.0
     jitter: float = 0.0
     lost: float = 0.0
@@ -150,9 +149,9 @@ def hand_turned(how: HandTurns, rng: np.random.Generator) -> tuple[SensorParamet
     effects = replace(DeviceEffects.none(), g_sensitivity=rng.normal(0.0, grade.g_sensitivity / 3.0, (3, 3)))
     w, a = ideal_readings(omega + earth, np.zeros((n, 3)), force, truth, effects)
     cubes = {}
-    if how.cubic or how.gyro_cubic:
-        cubes = {"gyro_cubic": rng.normal(0.0, how.gyro_cubic, 3), "accel_cubic": rng.normal(0.0, how.cubic, 3)}
-        w, a = _bent(w, cubes["gyro_cubic"]), _bent(a, cubes["accel_cubic"])
+    if how.gyro_cubic:
+        cubes = {"gyro_cubic": rng.normal(0.0, how.gyro_cubic, 3)}
+        w = _bent(w, cubes["gyro_cubic"])
     if how.jitter:
         slope = np.gradient(w, 1.0 / rate, axis=0)
         w = w + slope * rng.normal(0.0, how.jitter, (n, 1))
