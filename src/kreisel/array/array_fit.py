@@ -194,7 +194,7 @@ def fit_array(motion: HandMotion, gyro_deviation: Array, calibrated: Sequence[bo
     weights: Array = np.ones(motion.seconds.size)
     trust = _trust_again(np.median(np.sum(np.diff(motion.forces, 3, axis=1) ** 2, axis=2), axis=1))  # one may vibrate
     rates, spread = _own_moments(motion)
-    doubt = _UNSURE
+    slope_factor = _UNSURE
     differences = _differences(motion)
     for number in range(_PASSES):
         delays = np.zeros(differences.shape[:2])
@@ -202,11 +202,11 @@ def fit_array(motion: HandMotion, gyro_deviation: Array, calibrated: Sequence[bo
             share = np.sum(alpha**2, axis=1) + (rates / spread) ** 2
             delays = np.einsum("kmj,mj->km", differences, alpha) / share
             delays -= delays.mean(axis=0)
-        sums = _pass(motion, layout, theta, alpha, delays, weights / variance, variance, number, trust, doubt)
-        if number and np.isfinite(doubt):
-            doubt = max(1.0, doubt * sums.slope_misfit)
-            if number == 2 * _ROBUST and doubt > _USEFUL and layout.count >= _ENOUGH:
-                doubt = np.inf
+        sums = _pass(motion, layout, theta, alpha, delays, weights / variance, variance, number, trust, slope_factor)
+        if number and np.isfinite(slope_factor):
+            slope_factor = max(1.0, slope_factor * sums.slope_misfit)
+            if number == 2 * _ROBUST and slope_factor > _USEFUL and layout.count >= _ENOUGH:
+                slope_factor = np.inf
         P = _inverse(sums.information, layout.deviations)
         change = P @ (sums.score - prior @ theta)
         theta = theta + change
@@ -298,11 +298,11 @@ def _own_moments(motion: HandMotion) -> tuple[float, float]:
 
 def _pass(
     motion: HandMotion, layout: _Layout, theta: Array, alpha: Array, delays: Array, weights: Array, variance: float,
-    number: int, trust: Array, doubt: float,
+    number: int, trust: Array, slope_factor: float,
 ) -> _Sums:  # fmt: skip
     """Return sums over all samples; `alpha` becomes what they show.
 
-    trust: (N,), factors on the readings of units; doubt: factor on the deviation of the gyros' derivatives.
+    trust: (N,), factors on the readings of units; slope_factor: factor on the deviation of the gyros' derivatives.
     """
     n, p = motion.seconds.size, layout.size
     block = np.floor((motion.seconds - motion.seconds[0]) / _BLOCK).astype(int)
@@ -319,7 +319,7 @@ def _pass(
         if number == 0:  # the angular acceleration is taken as known
             y, H = y - (H[:, :, 3:] @ alpha[part][..., None])[..., 0], H[:, :, :3]
         else:
-            slopes = _slopes(motion, layout, theta, alpha[part], part, np.sqrt(variance) / doubt, H.shape[2])
+            slopes = _slopes(motion, layout, theta, alpha[part], part, np.sqrt(variance) / slope_factor, H.shape[2])
             H, y = np.concatenate([H, slopes[0]], axis=1), np.concatenate([y, slopes[1]], axis=1)
         N, b = np.swapaxes(H, 1, 2) @ H, np.swapaxes(H, 1, 2) @ y[..., None]
         N[:, 6:, 6:] += variance * np.eye(max(0, H.shape[2] - 6))

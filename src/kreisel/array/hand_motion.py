@@ -124,10 +124,10 @@ def hand_motion(
     used = used[np.unique(np.linspace(0, used.size - 1, min(used.size, _MOST)).astype(int))]
     forces = np.array([part.forces for part in parts])
     force_slopes = np.array([cubics.slopes(part.forces) for part in parts])
-    doubt = _slope_deviation(mean, slope, times)
+    deviation = _slope_deviation(mean, slope, times)
     return HandMotion(
         times[used], rates[:, used], forces[:, used], force_slopes[:, used], axes, slope[used], bend[used],
-        curvature[used], doubt[used], tuple(found), sudden_change(times[known], rates[:, known], slope[known]),
+        curvature[used], deviation[used], tuple(found), sudden_change(times[known], rates[:, known], slope[known]),
     )  # fmt: skip
 
 

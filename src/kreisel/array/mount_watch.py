@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.array.sudden_change import excess_of_steps, from_here
 from kreisel.array.unit_fit import RowParts
 from kreisel.geometry.rotation import Array, Mask
 
@@ -22,9 +23,6 @@ _EACH = 11.3
 
 _DIFFERENT = 21.1
 """Chi-square with three degrees of freedom by which the turns of both may differ: probability 1e-4."""
-
-_MEDIAN = 2.366
-"""Median of chi-square with three degrees of freedom."""
 
 _DETERMINED = 1e12
 """Condition up to which a turn, or a change of offsets, is determined."""
@@ -78,7 +76,7 @@ def _estimates(parts: RowParts, triad: int, inverse: Array) -> tuple[Array, Arra
 
     Offsets are free, all parameters too.
     """
-    cross, info, score = (_from_here(own[triad]) for own in (parts.cross, parts.info, parts.score))
+    cross, info, score = (from_here(own[triad]) for own in (parts.cross, parts.info, parts.score))
     V = info - cross @ inverse @ np.swapaxes(cross, 1, 2)
     offsets = V[:, 3:, 3:]
     seen = np.linalg.cond(offsets) < _DETERMINED
@@ -87,11 +85,6 @@ def _estimates(parts: RowParts, triad: int, inverse: Array) -> tuple[Array, Arra
     seen &= np.linalg.cond(W) < _DETERMINED
     W = np.where(seen[:, None, None], W, np.eye(3))
     return _solved(W, v), W / _scatter(parts, triad), seen
-
-
-def _from_here(values: Array) -> Array:
-    """Return sums of each part (k, …) and all after it."""
-    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
 
 
 def _times(M: Array, v: Array) -> Array:
@@ -120,6 +113,4 @@ def _scatter(parts: RowParts, triad: int) -> float:
     both = np.flatnonzero(rich[1:] & rich[:-1])
     if both.size < 8:
         return 1.0
-    d = own[both + 1] - own[both]
-    chi = np.einsum("mi,mij,mj->m", d, np.linalg.inv(covariance[both] + covariance[both + 1]), d)
-    return max(1.0, float(np.median(chi)) / _MEDIAN)
+    return excess_of_steps(own[both + 1] - own[both], covariance[both] + covariance[both + 1])

@@ -168,10 +168,8 @@ def _clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indi
         return 0, 0.0, 0.0
     value = np.linalg.solve(info[rich], score[rich][..., None])[..., 0]
     spread = np.linalg.inv(info[rich])
-    step = value[1:] - value[:-1]
-    chi = np.einsum("ki,kij,kj->k", step, np.linalg.inv(spread[1:] + spread[:-1]), step)
-    scatter = max(1.0, float(np.median(chi)) / _MEDIANS[p])
-    A, C, b = (np.cumsum(values[::-1], axis=0)[::-1][places] for values in (info, cross, score))
+    scatter = excess_of_steps(value[1:] - value[:-1], spread[1:] + spread[:-1])
+    A, C, b = (from_here(values)[places] for values in (info, cross, score))
     # what lasts is estimated, too: differences have no share of it
     V = A - C @ np.linalg.pinv(whole, rcond=1e-12, hermitian=True) @ np.swapaxes(C, 1, 2)
     V += 1e-6 * np.trace(A[0]) * np.eye(p)
@@ -179,3 +177,17 @@ def _clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indi
     weight = np.einsum("ki,ki->k", size, b) / scatter
     best = int(np.argmax(weight))
     return int(places[best]), float(np.linalg.norm(size[best])), float(weight[best])
+
+
+def excess_of_steps(steps: Array, covariances: Array) -> float:
+    """Return by how much variances of steps (k, p) from part to part exceed covariances (k, p, p), 1 at least.
+
+    By the median, so that a step where something changes does not count.
+    """
+    chi = np.einsum("ki,kij,kj->k", steps, np.linalg.inv(covariances), steps)
+    return max(1.0, float(np.median(chi)) / _MEDIANS[steps.shape[1]])
+
+
+def from_here(values: Array) -> Array:
+    """Return sums of each part (k, …) and all after it."""
+    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
