@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.array.sudden_change import excess_of_steps, from_here
-from kreisel.array.unit_fit import RowParts
 from kreisel.geometry.rotation import Array, Mask
 
 _SURE = 45.0
@@ -29,6 +28,30 @@ _DETERMINED = 1e12
 
 _EDGE = 3
 """Parts at either end in which no turn is looked for."""
+
+
+@dataclass(frozen=True)
+class RowParts:
+    """Sums over parts of the recording, for each triad (gyros, accelerometers).
+
+    Attributes
+    ----------
+    seconds : (parts + 1,)
+        Where parts begin, and the last one ends.
+    info, score : (2, parts, 6, 6), (2, parts, 6)
+        Of a turn of the unit (rad, in b) and a change of its offsets, if they began with the part.
+    cross : (2, parts, 6, p)
+        With all parameters.
+    whole, of_fit : (p, p), (parts, p)
+        Information about all parameters, and what each part says of them.
+    """
+
+    seconds: Array
+    info: Array
+    score: Array
+    cross: Array
+    whole: Array
+    of_fit: Array
 
 
 @dataclass(frozen=True)

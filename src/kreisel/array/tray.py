@@ -15,7 +15,7 @@ import numpy as np
 
 from kreisel.array.left_out import in_words, reason_of
 from kreisel.array.mean_imu import Aligned, BaseRows, MeanImu, align, gains_of
-from kreisel.array.mount_watch import Turn, turn_of
+from kreisel.array.mount_watch import Turn
 from kreisel.array.resampled import Resampled, resampled
 from kreisel.array.tray_outcome import TrayOutcome, UnitOutcome
 from kreisel.array.tray_places import places_of_units
@@ -418,9 +418,9 @@ def _fitted(tray: _Tray, mean: Outcome, progress: Progress | None, executor: Exe
     misfits = {name: _over(fit.noise, usual[name]) * float(np.median(fit.excess)) for name, fit in fits.items()}
     least = _SHARE_OF_TURN * 6.0 * common.mean.seconds.size
     turns = {
-        name: turn
+        name: fit.turn
         for name, fit in fits.items()
-        if (turn := turn_of(fit.parts)) is not None and (misfits[name] <= _MISFIT or turn.weight > least)
+        if fit.turn is not None and (misfits[name] <= _MISFIT or fit.turn.weight > least)
     }
     roughness = {name: _over(fit.rough, usual[name]) for name, fit in fits.items()}
     return _Fitted(fits, turns, failed, misfits, roughness)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from kreisel.array.relative_pose import RelativePose, pose_derivatives
 from kreisel.array.tray_result import mover_of, own_covariance
@@ -45,19 +46,10 @@ def places_of_units(mean: Calibration, units: Sequence[UnitOutcome]) -> tuple[di
 
 
 def _own(units: Sequence[UnitOutcome], own: Sequence[Array]) -> Array:
-    """Return the covariance (33 N, 33 N) of what is not common to all units.
+    """Return the covariance (33 N, 33 N) of what is not common to all units: that of each one's own noise.
 
-    They are differences from a mean that contains them: those of two units are not independent.
+    What is known is the covariance of differences from the mean, which is smaller for a unit that is a part of it. What
+    the mean errs by is the same for all units, and no error of places against each other.
     """
-    odds = [_odds(unit.share) for unit in units]
-    blocks = [
-        [own[j] if j == k else -0.5 * (odds[j] * own[j] + odds[k] * own[k]) for k in range(len(units))]
-        for j in range(len(units))
-    ]
-    return np.asarray(np.block(blocks))
-
-
-def _odds(share: Array) -> float:
-    """Return share / (1 - share), of the mean over both kinds of sensors."""
-    own = float(np.mean(share))
-    return own / max(1.0 - own, 1e-9)
+    blocks = [R / max(1.0 - float(np.mean(unit.share)), 1e-9) for unit, R in zip(units, own, strict=True)]
+    return np.asarray(block_diag(*blocks))

@@ -14,8 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from kreisel.array.common_motion import BodyMotion, MeanMotion, MotionErrors, averaged
+from kreisel.array.mount_watch import RowParts, Turn, turn_of
 from kreisel.array.resampled import Resampled, resampled
-from kreisel.array.unit_effects import BENDING, OF_BENDING, bending, candidates, products, shown_effects
+from kreisel.array.unit_effects import BENDING, OF_BENDING, bending, candidates, limit, products, shown_effects
 from kreisel.errors import EstimationError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.correction import Block
@@ -74,8 +75,8 @@ class UnitFit:
         For how long one of the axes is far off, s.
     excess : (p,)
         Factors by which deviations exceed those by the noise alone; the covariance contains them.
-    parts
-        Rows in parts, for tests of their constancy.
+    turn
+        Of the unit on its mount during the recording, if the readings show one.
     shown
         Effects that the readings show beyond those that were estimated, and by how much; see `shown_effects`.
     bending, bending_sd : (3, 3)
@@ -92,34 +93,10 @@ class UnitFit:
     rough: Array
     far: float
     excess: Array
-    parts: RowParts
+    turn: Turn | None
     shown: dict[str, float]
     bending: Array
     bending_sd: Array
-
-
-@dataclass(frozen=True)
-class RowParts:
-    """Sums over parts of the recording, for each triad (gyros, accelerometers).
-
-    Attributes
-    ----------
-    seconds : (parts + 1,)
-        Where parts begin, and the last one ends.
-    info, score : (2, parts, 6, 6), (2, parts, 6)
-        Of a turn of the unit (rad, in b) and a change of its offsets, if they began with the part.
-    cross : (2, parts, 6, p)
-        With all parameters.
-    whole, of_fit : (p, p), (parts, p)
-        Information about all parameters, and what each part says of them.
-    """
-
-    seconds: Array
-    info: Array
-    score: Array
-    cross: Array
-    whole: Array
-    of_fit: Array
 
 
 @dataclass(frozen=True)
@@ -179,6 +156,8 @@ def fit_unit(
     fit = _fit(imu, clock, common, start, _Layout.of(sizes), usual_temperature)
     if BENDING not in fit.shown:
         return fit
+    if fit.turn is not None and fit.turn.weight > fit.shown[BENDING] * limit(OF_BENDING):
+        return replace(fit, shown={name: weight for name, weight in fit.shown.items() if name != BENDING})
     return _fit(imu, fit.clock, common, fit.sensors, _Layout.of(sizes, bends=True), usual_temperature)
 
 
@@ -223,7 +202,7 @@ def _fit(
         solved.rough.reshape(2, 3),
         float(np.count_nonzero(whole & ~(solved.weights > 0.0).all(axis=0))) * mean.row,
         factor,
-        _parts(solved, mean, sensors),
+        turn_of(_parts(solved, mean, sensors)),
         _shown(averaged(raw, _COARSE), averaged(whole.astype(float), _COARSE) == 1.0, common.coarse, sensors, layout),
         *(layout.as_matrix(values) for values in (solved.change, np.sqrt(np.diag(P)))),
     )

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.array.mount_watch import turn_of
 from kreisel.array.relative_pose import pose_derivatives
 from kreisel.array.resampled import clipped_samples, resampled
 from kreisel.array.unit_clock import clock_of
@@ -108,17 +107,17 @@ def test_an_error_of_the_motion_goes_where_it_says(cell):
 
 def test_a_turn_on_the_mount_is_found_and_nothing_else_is_taken_for_one(cell):
     turn = np.array([1e-3, -5e-4, 2e-4])
-    found = turn_of(fitted(cell, imu_of(cell, np.random.default_rng(4), 3e-4, turned=turn)).parts)
+    found = fitted(cell, imu_of(cell, np.random.default_rng(4), 3e-4, turned=turn)).turn
     assert found is not None
     assert found.seconds == pytest.approx(0.5 * SECONDS, abs=4.0)
     assert np.abs(found.angle - turn).max() < 5.0 * found.deviation.max() + 5e-5
     imu = imu_of(cell, np.random.default_rng(4), 3e-4)
-    assert turn_of(fitted(cell, imu).parts) is None
+    assert fitted(cell, imu).turn is None
     late = imu.seconds > 0.5 * SECONDS
     jumped = replace(
         imu, accelerations=imu.accelerations + 0.02 * late[:, None], rates=imu.rates + 1e-3 * late[:, None]
     )
-    assert turn_of(fitted(cell, jumped).parts) is None
+    assert fitted(cell, jumped).turn is None
 
 
 def test_a_mount_that_bends_is_found_and_does_no_harm(cell):
@@ -142,7 +141,7 @@ def test_a_mount_that_bends_is_found_and_does_no_harm(cell):
     assert fit.bending_sd.max() < 1e-5
     score = (vector_of(fit.sensors) - vector_of(unit)) / np.sqrt(np.diag(fit.covariance))[:33]
     assert np.abs(score).max() < 4.0
-    assert turn_of(fit.parts) is None
+    assert fit.turn is None
     rigid = fitted(cell, imu_of(cell, np.random.default_rng(1), 3e-4))
     assert not rigid.bending.any()
     assert "mount.bending[0,1]" in fit.names
