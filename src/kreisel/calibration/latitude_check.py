@@ -14,6 +14,7 @@ from kreisel.model.problem import Problem, with_groups, with_nominal, without_gr
 from kreisel.preparation.start_values import EARTH_SD
 from kreisel.progress import Progress, of_step
 from kreisel.refinement.estimate import Estimate
+from kreisel.units import STANDARD_GRAVITY
 
 _MIMICS, _AS_GOOD = "gyro_g_sensitivity", 10.0
 """The effect that a wrong latitude looks like, and by how much the likelihood must fall without it to be accepted."""
@@ -47,20 +48,34 @@ def check_latitude(found: Estimate, progress: Progress | None = None) -> Latitud
         simpler = _with_free_earth_rate(without_groups(problem, (_MIMICS,)), plain)
         other = estimator.fit(simpler, progress=step)
         if other.history.log_likelihood.sum() > fit.history.log_likelihood.sum() - _AS_GOOD:
-            check = _check_of(simpler, other, stated, larger)
+            check = _check_of(simpler, other, stated, larger, _by_effect(problem))
             if check is not None:
                 return check
     return _check_of(free, fit, stated, larger)
 
 
-def _check_of(free: Problem, found: Fit, stated: float, larger: float) -> LatitudeCheck | None:
+def _by_effect(problem: Problem) -> float:
+    """Return the rotation that gyros of the grade may seem to see by their response to gravity, in Earth's rates."""
+    prior = problem.prior
+    if _MIMICS not in (*prior.expected, *prior.likely):
+        return 0.0
+    usual = float(np.sqrt(np.max(np.diag(prior.covariance[_MIMICS]))))
+    return usual * STANDARD_GRAVITY / EARTH_RATE
+
+
+def _check_of(free: Problem, found: Fit, stated: float, larger: float, beyond: float = 0.0) -> LatitudeCheck | None:
     """Return the check of a run with a free Earth's rotation; None where it says nothing of the latitude.
 
-    larger: factor on its deviations.
+    Parameters
+    ----------
+    larger
+        Factor on its deviations.
+    beyond
+        Deviation of each component that the run does not contain.
     """
     d = free.layout
     index = np.r_[d["north"], d["earth_down"]]
-    P = larger**2 * found.belief.covariance[np.ix_(index, index)]
+    P = larger**2 * found.belief.covariance[np.ix_(index, index)] + beyond**2 * np.eye(3)
     if float(np.sqrt(np.diag(P)).max()) > SEEN:
         return None
     return _compared(found.parameters.north, found.parameters.earth_down, P, stated)
