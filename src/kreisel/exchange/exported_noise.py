@@ -13,6 +13,7 @@ from kreisel.calibration.result import Calibration
 from kreisel.errors import SettingsError, unknown_name
 from kreisel.inertial.allan import MOVING, moved, noise_figures
 from kreisel.inertial.noise_figures import GRADES, equivalent_walk
+from kreisel.preparation.resting_noise import density_and_walk
 from kreisel.recording.recording import ImuSamples
 from kreisel.validation.imu_checks import check_quantities
 
@@ -128,10 +129,8 @@ def _at_rest(imu: ImuSamples) -> tuple[dict[str, float], str]:
     figures: dict[str, float] = {}
     for name, values in (("gyro", imu.rates), ("accel", imu.accelerations)):
         _check_resting(values, imu.interval, name)
-        found = noise_figures(values, imu.interval)
-        figures[f"{name}_density"] = _rms(found.density)
-        walks = [equivalent_walk(b, k) for b, k in zip(found.instability, found.walk, strict=True)]
-        figures[f"{name}_walk"] = _rms(np.array(walks))
+        found = density_and_walk(noise_figures(values, imu.interval))
+        figures |= {f"{name}_{what}": value for what, value in found.items()}
     return figures, f"Allan deviation of {seconds / 3600.0:.2g} h at rest, {imu.source}"
 
 
@@ -143,7 +142,3 @@ def _check_resting(values: np.ndarray, interval: float, name: str) -> None:
             f"--at-rest: the {name} readings are not at rest: near {second} s they change {most:.0f} times as much "
             "from second to second as usually; cut out the part at rest"
         )
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

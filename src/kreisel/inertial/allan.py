@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.geometry.rotation import Array, Indices
+from kreisel.inertial.allan_fit import fit_axis, terms_of
 
-FLOOR = 0.664
-"""Floor of the Allan deviation over the bias instability B: sqrt(2 ln 2 / pi)."""
-
-_PER_DECADE, _MISFIT = 10, 0.1
-"""Cluster sizes in a decade, and relative uncertainty of a point besides that of its average. Chosen: more sizes are
-averages of nearly the same readings; no sensor has just the noises of the model."""
-
+_PER_DECADE = 10
+"""Cluster sizes in a decade. Chosen: more sizes are averages of nearly the same readings."""
 
 TERMS = ("quantisation", "density", "instability", "walk", "ramp")
 """Names of the noises of IEEE 952, in the order of the powers of the averaging time."""
 
-_ALIKE = 3.0
-"""Points of the curve that are as good as one, for their averages share readings. Chosen: of drawn noise, B scatters by
-0.9 of its deviation then, N by 0.3."""
-
-_SHOWN, _CERTAIN = 0.3, 2.0
-"""Share of the variance that a noise has at some averaging time, and deviations it lies from zero, if it is shown."""
+_SHOWN, _LIKELY = 0.3, 0.99
+"""Share of the variance that a noise has at some averaging time, and how likely it is there, if it is shown."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +41,16 @@ class NoiseFigures:
     shown
         Whether the curve shows each, by name: elsewhere it may be anything that is smaller than the others at all
         averaging times.
+    slow : (3,)
+        Whether there is flicker noise, a walk or a ramp, whichever of them.
+    passing : (2, 3)
+        Instability and walk if there is no ramp.
     tau, curve, fitted : (m,), (m, 3), (m, 3)
         Averaging times, s; the Allan deviation, and what the figures make of it.
+    shortest : (3,)
+        Averaging time from which on the curve is used, s: shorter averages are no sum of these noises.
+    smoothed : (3,)
+        Whether short averages have less noise than white noise has.
     """
 
     quantisation: Array
@@ -61,9 +60,13 @@ class NoiseFigures:
     ramp: Array
     deviation: dict[str, Array]
     shown: dict[str, NDArray[np.bool_]]
+    slow: NDArray[np.bool_]
+    passing: Array
     tau: Array
     curve: Array
     fitted: Array
+    shortest: Array
+    smoothed: NDArray[np.bool_]
 
 
 def allan_deviation(values: Array, clusters: Indices) -> Array:
@@ -97,48 +100,31 @@ def noise_figures(values: Array, interval: float) -> NoiseFigures:
 
     Notes
     -----
-    sigma^2(tau) = 3 Q^2 / tau^2 + N^2 / tau + (0.664 B)^2 + K^2 tau / 3 + R^2 tau^2 / 2, by least squares in which each
-    point counts by its own relative uncertainty, sqrt(tau / T), and 10 % because no sensor has just these noises; no
-    figure is negative.
+    sigma^2(tau) = 3 Q^2 / tau^2 + N^2 / tau + (0.664 B)^2 + K^2 tau / 3 + R^2 tau^2 / 2, see `allan_fit`.
     """
     clusters = usual_clusters(len(values))
     tau: Array = clusters.astype(float) * interval
     curve = allan_deviation(values, clusters)
-    weight: Array = np.asarray(1.0 / np.sqrt(clusters / len(values) + _MISFIT**2), dtype=float)
-    terms = np.column_stack(
-        [3.0 / tau**2, 1.0 / tau, np.full(tau.size, FLOOR**2), tau / 3.0, 0.5 * tau**2]
-    )  # by the squares of the figures
-    fits = [_fitted(terms, one, weight) for one in (curve**2).T]
-    squares, variances = (np.array([fit[i] for fit in fits]).T for i in (0, 1))
-    figures = np.sqrt(squares)
-    deviation = np.sqrt(variances) / np.maximum(2.0 * figures, 1e-300)
-    parts = terms.T[:, :, None] * squares[:, None]
+    fits = [fit_axis(clusters, interval, one, interval * len(values)) for one in (curve**2).T]
+    squares = np.array([fit.squares for fit in fits]).T
+    figures = np.sqrt(np.maximum(squares, 0.0))
+    deviation = np.sqrt(np.array([fit.variances for fit in fits])).T / np.maximum(2.0 * figures, 1e-300)
+    parts = terms_of(tau).T[:, :, None] * squares[:, None]
     fitted = parts.sum(axis=0)
-    share = (parts / np.maximum(fitted, 1e-300)).max(axis=1)
-    shown = (share > _SHOWN) & (figures > _CERTAIN * deviation)
+    first = np.array([fit.first for fit in fits])
+    used = np.arange(tau.size)[:, None] >= first
+    share = np.where(used, parts / np.maximum(fitted, 1e-300), 0.0).max(axis=1)
+    likely = np.array([fit.likely for fit in fits]).T
+    shown = (share > _SHOWN) & (likely > _LIKELY) & (figures > 0.0)
     Q, N, B, K, R = figures
     by_name = [dict(zip(TERMS, part, strict=True)) for part in (deviation, shown)]
-    return NoiseFigures(Q, N, B, K, R, by_name[0], by_name[1], tau, curve, np.sqrt(fitted))
-
-
-def _fitted(terms: Array, variance: Array, weight: Array) -> tuple[Array, Array]:
-    """Return the squares of the figures, none negative, and their variances: the best of all subsets of terms."""
-    A, b = terms * (weight / np.maximum(variance, 1e-300))[:, None], weight
-    count = terms.shape[1]
-    best, spread, least = np.zeros(count), np.zeros(count), np.inf
-    for size in range(1, count + 1):
-        for subset in combinations(range(count), size):
-            own = list(subset)
-            scale = np.linalg.norm(A[:, own], axis=0)
-            scaled = A[:, own] / scale
-            x = np.linalg.lstsq(scaled, b, rcond=None)[0] / scale
-            misfit = float(np.sum((A[:, own] @ x - b) ** 2))
-            if np.all(x >= 0.0) and misfit < least:
-                best, spread, least = np.zeros(count), np.zeros(count), misfit
-                best[own] = x
-                larger = max(1.0, misfit / max(b.size - size, 1))  # the curve is not just that of these noises
-                spread[own] = larger * _ALIKE * np.diag(np.linalg.pinv(scaled.T @ scaled)) / scale**2
-    return best, spread
+    slow = np.array([fit.slow for fit in fits]) > _LIKELY
+    passing = np.sqrt([fit.passing for fit in fits]).T
+    smoothed = (squares[0] < 0.0) & (likely[0] > _LIKELY)
+    fitted = np.sqrt(np.maximum(fitted, 0.0))
+    return NoiseFigures(
+        Q, N, B, K, R, by_name[0], by_name[1], slow, passing, tau, curve, fitted, tau[first], smoothed
+    )  # fmt: skip
 
 
 WARM_UP, _PARTS = 10.0, 20

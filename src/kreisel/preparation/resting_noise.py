@@ -11,9 +11,10 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.inertial.allan import MOVING, TERMS, NoiseFigures, moved, noise_figures, warms_up
 from kreisel.inertial.noise_figures import equivalent_walk
-from kreisel.recording.recording import Recording
+from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.units import DEG, MG
 from kreisel.validation.imu_checks import check_quantities
+from kreisel.validation.stamp_checks import LONG_GAP, gaps
 
 SHORTEST = 20.0
 """Seconds at rest below which nothing is said. Chosen: a tenth of it is one octave of averaging times at 10 Hz."""
@@ -84,7 +85,7 @@ def allan_report(recording: Recording) -> AllanReport:
         raise RecordingError(
             f"lasts {seconds:.3g} s, expected {SHORTEST:.0f} s or more at rest, an hour if possible", file=imu.source
         )
-    figures, remarks = {}, []
+    figures, remarks = {}, _gaps(imu)
     for sensor, values in (("gyroscope", imu.rates), ("accelerometer", imu.accelerations)):
         most, second = moved(values, imu.interval)
         if most > MOVING:
@@ -98,22 +99,64 @@ def allan_report(recording: Recording) -> AllanReport:
     return AllanReport(figures, tuple(remarks), seconds)
 
 
+def _gaps(imu: ImuSamples) -> list[str]:
+    """Return the remark about readings that are missing."""
+    missing = gaps(imu.stamps_ns, LONG_GAP)
+    if missing.size == 0:
+        return []
+    lost = 1e-9 * float(np.sum(np.diff(imu.stamps_ns)[missing]))
+    return [
+        f"readings are missing at {missing.size} places, {lost:.3g} s in all: the parts are joined as if nothing were "
+        "between them, and slow noise may come out too large"
+    ]
+
+
 def _remarks(sensor: str, found: NoiseFigures, values: np.ndarray) -> list[str]:
-    out = []
-    hidden = [WORDS[term] for term in ("density", "instability", "walk") if not found.shown[term].all()]
-    if hidden:
-        longest = found.tau[-1]
-        out.append(
-            f"{sensor}: too short for {' and '.join(hidden)} of every axis: the longest averages are {longest:.3g} s, "
-            "and other noise is larger there; record longer at rest"
+    dead = np.ptp(values, axis=0) == 0.0
+    if dead.any():
+        return [f"{sensor}: {_axes(dead)} never changes: it has no noise figures"] + (
+            _remarks_of_noise(sensor, found, values, ~dead) if not dead.all() else []
         )
-    warm = [axis for axis, one in zip("xyz", warms_up(values), strict=True) if one]
-    if warm:
+    return _remarks_of_noise(sensor, found, values, ~dead)
+
+
+def _remarks_of_noise(sensor: str, found: NoiseFigures, values: np.ndarray, alive: np.ndarray) -> list[str]:
+    out = []
+    if found.smoothed.any():
+        used = float(found.shortest[found.smoothed].max())
         out.append(
-            f"{sensor}: {', '.join(warm)} changed from beginning to end, by far more than it wanders at last: the unit "
+            f"{sensor}: {_axes(found.smoothed)} has less noise in short averages than in long ones, as a filter or "
+            f"interpolation leaves it: averages of {used:.2g} s and more count"
+        )
+    vague = alive & ~found.shown["density"]
+    if vague.any():
+        out.append(
+            f"{sensor}: the noise density of {_axes(vague)} is hidden by other noise, as vibration, steps or slow "
+            "changes are: record longer, and where nothing vibrates"
+        )
+    either = found.slow & ~np.logical_or.reduce([found.shown[term] for term in ("instability", "walk", "ramp")])
+    hidden = [WORDS[term] for term in ("instability", "walk") if not found.shown[term][alive].all()]
+    if hidden:
+        out.append(
+            f"{sensor}: too short for {' and '.join(hidden)} of every axis: the longest averages are "
+            f"{found.tau[-1]:.3g} s, and other noise is larger there; record longer at rest"
+            + (
+                f". {_axes(either)} has slow noise of some kind, and the random walk for a filter contains it"
+                if either.any()
+                else ""
+            )
+        )
+    warm = warms_up(values)
+    if warm.any():
+        out.append(
+            f"{sensor}: {_axes(warm)} changed from beginning to end, by far more than it wanders at last: the unit "
             "warms up or its temperature changes; leave out the first hour, or two, and look again"
         )
     return out
+
+
+def _axes(chosen: np.ndarray) -> str:
+    return ", ".join(axis for axis, one in zip("xyz", chosen, strict=True) if one)
 
 
 def document_of(found: AllanReport) -> dict[str, Any]:
@@ -139,18 +182,29 @@ def _table(figures: NoiseFigures) -> dict[str, Any]:
 
 
 def filter_figures(found: AllanReport) -> dict[str, float]:
-    """Return the figures that a filter takes, named as in [imu] of recording.toml: the rms over the axes, SI.
+    """Return what a filter takes, named as in [imu] of recording.toml, SI; what is not shown is left out."""
+    names = {"density": "noise_density", "walk": "random_walk"}
+    return {
+        f"{name}_{names[what]}": value
+        for sensor, name in (("gyroscope", "gyro"), ("accelerometer", "accel"))
+        for what, value in density_and_walk(found.figures[sensor]).items()
+    }
 
-    Flicker noise is a random walk there that changes offsets as much in ten minutes; what is not shown is left out.
+
+def density_and_walk(one: NoiseFigures) -> dict[str, float]:
+    """Return what a filter takes of a sensor, `density` and `walk`: the rms over the axes that show it, SI.
+
+    Flicker noise is a random walk there that changes offsets as much in ten minutes. Slow noise counts where the length
+    shows it, though not of which kind it is; axes without white noise are left out.
     """
     out = {}
-    for sensor, name in (("gyroscope", "gyro"), ("accelerometer", "accel")):
-        one = found.figures[sensor]
-        out[f"{name}_noise_density"] = _rms(one.density)
-        flicker, walk = (np.where(one.shown[term], getattr(one, term), 0.0) for term in ("instability", "walk"))
-        walks = np.array([equivalent_walk(b, k) for b, k in zip(flicker, walk, strict=True)])
-        if walks.any():
-            out[f"{name}_random_walk"] = _rms(walks)
+    noisy = one.shown["density"]
+    if noisy.any():
+        out["density"] = _rms(one.density[noisy])
+    flicker, walk = np.where(one.shown["ramp"], (one.instability, one.walk), one.passing) * one.slow
+    walks = np.array([equivalent_walk(b, k) for b, k in zip(flicker, walk, strict=True)])
+    if walks.any():
+        out["walk"] = _rms(walks[noisy | (walks > 0.0)])
     return out
 
 

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from kreisel.inertial.allan import TERMS, allan_deviation, moved, noise_figures, usual_clusters, warms_up
+from kreisel.inertial.allan_fit import covariance_of
 from kreisel.inertial.noise_figures import noise
 
 
@@ -88,3 +90,47 @@ def test_the_curve_is_that_of_allantools():
         tau, other, *_ = allantools.oadev(values[:, axis], rate=rate, data_type="freq", taus=clusters / rate)
         np.testing.assert_allclose(tau, clusters / rate)
         np.testing.assert_allclose(own[:, axis], other, rtol=1e-9)
+
+
+def test_the_covariance_of_the_curve_is_that_of_drawn_noise():
+    """300 drawn recordings with white noise, flicker noise and a walk: variances within a quarter, correlations 0.2."""
+    rate, n, figures = 10.0, 6000, (1e-3, 3e-4, 3e-5)
+    clusters = usual_clusters(n)[::3]
+    rng = np.random.default_rng(7)
+    drawn = np.concatenate([allan_deviation(noise(rng, n, rate, *figures), clusters).T ** 2 for _ in range(100)])
+    squares = np.array([0.0, *np.square(figures), 0.0])
+    expected, seen = covariance_of(clusters, 1.0 / rate, squares, n / rate), np.cov(drawn.T)
+    np.testing.assert_allclose(np.sqrt(np.diag(expected) / np.diag(seen)), 1.0, atol=0.25)
+    of = [C / np.sqrt(np.outer(np.diag(C), np.diag(C))) for C in (expected, seen)]
+    np.testing.assert_allclose(of[0], of[1], atol=0.2)
+
+
+@pytest.mark.parametrize("corner", [10.0, 40.0, 80.0])
+def test_readings_that_a_filter_smooths_have_their_noise_density(corner):
+    """Butterworth's filter of second order at 200 Hz: with short averages it would be 0.07 to 0.97 of the true one."""
+    rng = np.random.default_rng(0)
+    smoothed = lfilter(*butter(2, corner / 100.0), noise(rng, 120_000, 200.0, 2e-4, 0.0, 0.0), axis=0)
+    found = noise_figures(smoothed, 5e-3)
+    assert np.abs((found.density - 2e-4) / found.deviation["density"]).max() < 3.0
+    np.testing.assert_allclose(found.density, 2e-4, rtol=0.05)
+    assert found.smoothed.all()
+    assert found.shown["density"].all()
+
+
+def test_deviations_contain_what_else_slow_noise_may_be():
+    """A walk of five minutes: errors over deviations, and no other slow noise is shown."""
+    scores = []
+    for seed in range(12):
+        found = noise_figures(noise(np.random.default_rng(seed), 15_000, 50.0, 2e-4, 0.0, 3e-4), 0.02)
+        scores += list(((found.walk - 3e-4) / found.deviation["walk"])[found.shown["walk"]])
+        assert not found.shown["instability"].any()
+    assert len(scores) > 30
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
+def test_white_noise_shows_no_slow_noise():
+    for seed in range(20):
+        found = noise_figures(np.random.default_rng(seed).normal(size=(6000, 3)), 0.01)
+        assert found.shown["density"].all()
+        assert not any(found.shown[term].any() for term in TERMS if term != "density")
+        assert not found.slow.any()

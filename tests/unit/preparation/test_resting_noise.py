@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 
 from kreisel.errors import RecordingError
 from kreisel.inertial.noise_figures import noise, settings_table
@@ -16,12 +17,12 @@ from ...small_problem import recorded
 RATE = 20.0
 
 
-def at_rest(seconds, seed=6, warm=0.0):
+def at_rest(seconds, seed=6, warm=0.0, flicker=1.0):
     recording = recorded()[1]
     rng, n = np.random.default_rng(seed), int(seconds * RATE)
     stamps = np.round(1e9 * np.arange(n) / RATE).astype(np.int64)
-    rates = noise(rng, n, RATE, 1e-4, 3e-5, 0.0) + warm * np.exp(-np.arange(n)[:, None] / (0.2 * n))
-    forces = noise(rng, n, RATE, 1e-3, 3e-4, 0.0) + np.array([0.0, 0.0, 9.8])
+    rates = noise(rng, n, RATE, 1e-4, 3e-5 * flicker, 0.0) + warm * np.exp(-np.arange(n)[:, None] / (0.2 * n))
+    forces = noise(rng, n, RATE, 1e-3, 3e-4 * flicker, 0.0) + np.array([0.0, 0.0, 9.8])
     imu = replace(recording.imu, stamps_ns=stamps, rates=rates, accelerations=forces)
     return replace(recording, imu=imu, reference=None, joints=None)
 
@@ -49,7 +50,22 @@ def test_what_the_length_cannot_show_is_null_and_said():
     assert document["gyroscope"]["bias_instability"] == [None, None, None]
     assert document["gyroscope"]["noise_density"][0] == pytest.approx(1e-4, rel=0.2)
     assert any("too short for bias instability and random walk" in remark for remark in found.remarks)
-    assert "gyro_random_walk" not in document["filter"]
+    assert "gyro_random_walk" not in document_of(allan_report(at_rest(120.0, flicker=0.0)))["filter"]
+
+
+def test_a_dead_axis_gaps_and_smoothed_readings_are_named():
+    quiet = at_rest(600.0)
+    rates = quiet.imu.rates.copy()
+    rates[:, 1] = 1e-3
+    rates[:, 0] = uniform_filter1d(rates[:, 0], 8)
+    stamps = quiet.imu.stamps_ns + 50_000_000_000 * (np.arange(rates.shape[0]) > 5000)
+    found = allan_report(replace(quiet, imu=replace(quiet.imu, rates=rates, stamps_ns=stamps)))
+    assert any("readings are missing at 1 places, 50.1 s" in remark for remark in found.remarks)
+    assert "gyroscope: y never changes: it has no noise figures" in found.remarks
+    assert any(remark.startswith("gyroscope: x has less noise in short averages") for remark in found.remarks)
+    document = document_of(found)
+    assert document["gyroscope"]["noise_density"][1] is None
+    assert document["filter"]["gyro_noise_density"] == pytest.approx(1e-4, rel=0.1)
 
 
 def test_warming_up_is_said():
