@@ -8,19 +8,19 @@ errors of its own by its own IMU readings; what the errors from elsewhere leave 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.arm_result import ArmCalibration, ArmError, UnusedPoses
+from kreisel.calibration.arm_result import BEYOND_URDF, ArmCalibration, ArmError, UnusedPoses
 from kreisel.calibration.assembly import arm_covariances
 from kreisel.calibration.joint_outcome import Joint
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
-from kreisel.calibration.result_sections import RobotErrors
+from kreisel.calibration.result_sections import RobotErrors, Verdict
 from kreisel.calibration.split_halves import fits_of_halves
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, Indices
+from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.model.parameters import ROBOT_GROUPS, RobotParameters, parameter_names
 from kreisel.model.problem import Problem
 from kreisel.model.robot_model import RobotModel, within_frames
@@ -36,9 +36,15 @@ _NO_ARM = (
     "robot.model in recording.toml"
 )
 
-_LEAST = 1e-3
-"""Least variance of a difference, in the sum of both variances: what both know by the prior alone differs by nothing,
-and rounding must not make that negative."""
+_LEAST = 1e-6
+"""Least variance of a difference, in that of the prior: what both know by the prior alone differs by nothing, and
+rounding must not make that negative."""
+
+_MORE = 1.2
+"""Pose errors left by robot.urdf alone, over those left by all that was found, from which on that is said."""
+
+_NEGATIVE = 4.0
+"""Deviations by which a compliance is negative, that no arm has."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +88,37 @@ def _judged(
     calibration: Calibration, parts: Sequence[_Known], warnings: tuple[DataWarning, ...], recording: Recording
 ) -> ArmCalibration:
     if calibration.robot is None:
-        raise RecordingError(_NO_ARM, file=recording.path)
-    return ArmCalibration(calibration, calibration.robot, _errors(calibration), _unused(parts), warnings)
+        known = [one.message for one in warnings if one.subject == "robot" and recording.joints is not None]
+        reason = f"its arm cannot be calibrated: {known[0]}" if known else _NO_ARM
+        raise RecordingError(reason, file=recording.path)
+    errors, unused = _errors(calibration), _unused(parts)
+    if any(_leaves_more(one) for one in unused):
+        warnings = (*warnings, DataWarning("robot", BEYOND_URDF))
+    verdict = _without_negative(calibration.verdict, errors)
+    return ArmCalibration(replace(calibration, verdict=verdict), calibration.robot, errors, unused, warnings)
+
+
+def _leaves_more(part: UnusedPoses) -> bool:
+    """Return whether robot.urdf alone leaves more of the pose errors than all errors that were found."""
+    return part.by_urdf is not None and (
+        part.by_urdf.position > _MORE * part.after.position or part.by_urdf.orientation > _MORE * part.after.orientation
+    )
+
+
+def _without_negative(verdict: Verdict, errors: Sequence[ArmError]) -> Verdict:
+    """Return the verdict, with a reason against joints that yield against their load."""
+    bad = [
+        one for one in errors
+        if one.name.startswith("robot.compliance") and one.value < -_NEGATIVE * one.deviation
+    ]  # fmt: skip
+    if not bad:
+        return verdict
+    names = ", ".join(one.title.split(":")[0] for one in bad)
+    reason = (
+        f"the compliance of {names} is negative, which no joint has: another error of the arm is taken for it, perhaps "
+        "a gear ratio or an encoder's scale; check those, and the masses in robot.urdf"
+    )
+    return replace(verdict, accepted=False, reasons=(*verdict.reasons, reason))
 
 
 def _of(found: Estimate) -> tuple[RobotParameters, Array]:
@@ -157,9 +192,11 @@ def _unused(parts: Sequence[_Known]) -> tuple[UnusedPoses, ...]:
         own, P = part.covariance[np.ix_(at, at)], part.prior[np.ix_(at, at)]
         shared = own @ np.linalg.solve(P, covariance)  # equation (22)
         apart = own + covariance - shared - shared.T
-        values, axes = np.linalg.eigh(apart)
-        apart = (axes * np.maximum(values, _LEAST * float(np.trace(apart)) / at.size)) @ axes.T
-        found = part.mean[at]
+        size = np.sqrt(np.diag(P))
+        values, axes = np.linalg.eigh(apart / np.outer(size, size))  # lengths, angles and compliances are not alike
+        axes = axes * size[:, None]
+        apart = (axes * np.maximum(values, _LEAST)) @ axes.T
+        found, written = part.mean[at], _in_urdf(part.model, at)
         out.append(
             UnusedPoses(
                 part.name,
@@ -167,9 +204,19 @@ def _unused(parts: Sequence[_Known]) -> tuple[UnusedPoses, ...]:
                 PoseAccuracy.of((J @ found) ** 2),
                 PoseAccuracy.of((J @ (found - mean)) ** 2),
                 PoseAccuracy.of(np.sum((J @ apart) * J, axis=2)),
+                None if written.all() else PoseAccuracy.of((J @ (found - written * mean)) ** 2),
             )
         )
     return tuple(out)
+
+
+def _in_urdf(model: RobotModel, at: Indices) -> Mask:
+    """Return which errors, of places `at` in the vector of all, a robot description holds."""
+    errors = RobotParameters.none(len(model.arm.joints))
+    held = np.zeros(errors.vector.size, dtype=bool)
+    for group in ("robot_placement", "robot_zeros"):
+        held[errors.part(group)] = True
+    return held[at]
 
 
 def _together(parts: Sequence[_Known], at: Indices) -> tuple[Array, Array]:

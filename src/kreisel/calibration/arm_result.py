@@ -15,6 +15,12 @@ from kreisel.robot.pose_accuracy import PoseAccuracy
 ARM_FILES = ("robot.yaml", "robot.urdf", "report.html", "calibration.yaml", "estimates.csv", "covariance.npz")
 """Files of a result."""
 
+BEYOND_URDF = (
+    "robot.urdf holds lengths, angles and zeros; gears and compliance, which such a file does not hold, are in "
+    "robot.yaml: correct the joint angles by them"
+)
+"""What to know where such errors were found."""
+
 NOT_SHOWN = (
     "where the base stands, and where the tool is on the last link: an IMU feels motion, not places; a laser tracker, "
     "or a touched reference point, shows them",
@@ -35,6 +41,8 @@ class UnusedPoses:
         Errors by the nominal model, and what the errors found elsewhere leave of them.
     expected
         What is expected to be left, by the deviations of both.
+    by_urdf
+        What robot.urdf alone leaves of them, where errors were found that such a file does not hold.
     """
 
     name: str
@@ -42,6 +50,7 @@ class UnusedPoses:
     before: PoseAccuracy
     after: PoseAccuracy
     expected: PoseAccuracy
+    by_urdf: PoseAccuracy | None = None
 
 
 @dataclass(frozen=True)
@@ -111,7 +120,8 @@ class ArmCalibration:
             },
             "unused_poses": [
                 {"of": one.name, "errors_from": one.used, "before": _table(one.before), "after": _table(one.after),
-                 "expected_after": _table(one.expected)}
+                 "expected_after": _table(one.expected),
+                 **({} if one.by_urdf is None else {"after_by_urdf": _table(one.by_urdf)})}
                 for one in self.unused
             ],
             "not_shown": list(NOT_SHOWN),

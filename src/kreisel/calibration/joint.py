@@ -45,7 +45,8 @@ _BETTER = 0.4
 """Share of a factor that is left where something that was held to be common is not."""
 
 _ADVICE = {
-    "offsets": "leave out --same offsets", "mount": "leave out --same mount", "robot": "--own robot",
+    "offsets": "leave out --same offsets", "mount": "leave out --same mount",
+    "robot": "they are of different arms; calibrate --joint takes them with --own robot",
     "site": "--own site", "reference": "--own reference",
 }  # fmt: skip
 

@@ -90,6 +90,9 @@ def print_arm(found: ArmCalibration) -> None:
             f"poses of {part.name}, not used: {before} before, {after} after correction from {part.used} ({expected} "
             "expected)", markup=False,
         )  # fmt: skip
+        if part.by_urdf is not None:
+            left = f"{1e3 * part.by_urdf.position:.2g} mm, {1e3 * part.by_urdf.orientation:.2g} mrad"
+            console.print(f"with robot.urdf alone: {left}", markup=False)
     _print_verdict(console, found.calibration)
 
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import SettingsError, unknown_name
-from kreisel.inertial.allan import MOVING, moved, noise_figures
+from kreisel.inertial.allan import MOVING, density_and_walk, moved, noise_figures
 from kreisel.inertial.noise_figures import GRADES, equivalent_walk
-from kreisel.preparation.resting_noise import density_and_walk
 from kreisel.recording.recording import ImuSamples
 from kreisel.validation.imu_checks import check_quantities
 

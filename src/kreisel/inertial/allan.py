@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.allan_fit import fit_axis, terms_of
+from kreisel.inertial.noise_figures import equivalent_walk
 
 _PER_DECADE = 10
 """Cluster sizes in a decade. Chosen: more sizes are averages of nearly the same readings."""
@@ -125,6 +126,27 @@ def noise_figures(values: Array, interval: float) -> NoiseFigures:
     return NoiseFigures(
         Q, N, B, K, R, by_name[0], by_name[1], slow, passing, tau, curve, fitted, tau[first], smoothed
     )  # fmt: skip
+
+
+def density_and_walk(one: NoiseFigures) -> dict[str, float]:
+    """Return what a filter takes of a sensor, `density` and `walk`: the rms over the axes that show it, SI.
+
+    Flicker noise is a random walk there that changes offsets as much in ten minutes. Slow noise counts where the length
+    shows it, though not of which kind it is; axes without white noise are left out.
+    """
+    out = {}
+    noisy = one.shown["density"]
+    if noisy.any():
+        out["density"] = _rms(one.density[noisy])
+    flicker, walk = np.where(one.shown["ramp"], (one.instability, one.walk), one.passing) * one.slow
+    walks = np.array([equivalent_walk(b, k) for b, k in zip(flicker, walk, strict=True)])
+    if walks.any():
+        out["walk"] = _rms(walks[noisy | (walks > 0.0)])
+    return out
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 WARM_UP, _PARTS = 10.0, 20

@@ -144,7 +144,7 @@ def _check_clocks(preparation: Preparation) -> None:
 
 def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> None:
     reference = preparation.reference
-    known = fit.K_a_sd.max() < 0.1 and fit.explained > 0.3
+    known = fit.K_a_sd.max() < 0.1 and fit.explained > 0.3 and fit.separable
     wrong = _reversed(turn_between(preparation.rate_fit.K_omega, fit.K_a)) if known else None
     about_a_point = not fit.separable
     agreed = fit.agreement > MIN_AGREEMENT or fit.size < MIN_ACCELERATION or about_a_point
@@ -159,7 +159,7 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
     if wrong is not None:
         source = preparation.recording.imu.source
         raise RecordingError(wrong, file=source, line=1 if is_table(source) else None)
-    _check_lengths(reference, fit)
+    _check_lengths(reference, fit, arm=preparation.recording.joints is not None)
     if not agreed:
         raise RecordingError(
             "accelerations of the positions and of the IMU, rotated by the orientations, agree by "
@@ -180,8 +180,11 @@ def _reversed(F: Array) -> str | None:
     )
 
 
-def _check_lengths(reference: ReferencePoses, fit: AccelerationFit) -> None:
-    """Raise an error if the positions are in another unit than metres, by comparison with gravity."""
+def _check_lengths(reference: ReferencePoses, fit: AccelerationFit, *, arm: bool) -> None:
+    """Raise an error if the positions are in another unit than metres, by comparison with gravity.
+
+    arm: whether the poses are of an arm with known joint angles.
+    """
     low, high = fit.scale
     if low < MAX_SCALE and high > 1.0 / MAX_SCALE:
         return
@@ -190,4 +193,5 @@ def _check_lengths(reference: ReferencePoses, fit: AccelerationFit) -> None:
     for unit, factor in _LENGTHS.items():
         if 0.8 < scale / factor < 1.25:
             raise wrong_unit(reference, evidence, "length", 1.0 / factor, unit)
-    raise RecordingError(f"{evidence}, expected 1; check their unit and scale", file=reference.source)
+    zeros = ", and the zeros of the arm's joints: one that is degrees off moves the tool so" if arm else ""
+    raise RecordingError(f"{evidence}, expected 1; check their unit and scale{zeros}", file=reference.source)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.inertial.allan import MOVING, TERMS, NoiseFigures, moved, noise_figures, warms_up
-from kreisel.inertial.noise_figures import equivalent_walk
+from kreisel.inertial.allan import MOVING, TERMS, NoiseFigures, density_and_walk, moved, noise_figures, warms_up
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.units import DEG, MG
 from kreisel.validation.imu_checks import check_quantities
@@ -189,24 +188,3 @@ def filter_figures(found: AllanReport) -> dict[str, float]:
         for sensor, name in (("gyroscope", "gyro"), ("accelerometer", "accel"))
         for what, value in density_and_walk(found.figures[sensor]).items()
     }
-
-
-def density_and_walk(one: NoiseFigures) -> dict[str, float]:
-    """Return what a filter takes of a sensor, `density` and `walk`: the rms over the axes that show it, SI.
-
-    Flicker noise is a random walk there that changes offsets as much in ten minutes. Slow noise counts where the length
-    shows it, though not of which kind it is; axes without white noise are left out.
-    """
-    out = {}
-    noisy = one.shown["density"]
-    if noisy.any():
-        out["density"] = _rms(one.density[noisy])
-    flicker, walk = np.where(one.shown["ramp"], (one.instability, one.walk), one.passing) * one.slow
-    walks = np.array([equivalent_walk(b, k) for b, k in zip(flicker, walk, strict=True)])
-    if walks.any():
-        out["walk"] = _rms(walks[noisy | (walks > 0.0)])
-    return out
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

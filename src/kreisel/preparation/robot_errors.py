@@ -96,8 +96,9 @@ def _recorded(
                 DataWarning(
                     "robot",
                     f"reported poses differ by {far[0] * 1e3:.3g} mm and {far[1] * 1e3:.3g} mrad (median) from those "
-                    f"of {arm.name} at the recorded joint angles, so base or tool frame differ; errors are treated as "
-                    "noise. Add the frames to robot.urdf and name the tool in recording.toml: robot.tcp",
+                    f"of {arm.name} at the recorded joint angles: base or tool frame differ, or order or signs of the "
+                    "joints; errors are treated as noise. Add the frames to robot.urdf and name the tool in "
+                    "recording.toml: robot.tcp",
                 )
             ],
         )

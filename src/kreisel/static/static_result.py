@@ -57,6 +57,9 @@ _LOOSE = "the turntable's angles are off by a play of {play:.2g} mrad wherever i
 _HALF = 10
 """Fewest standstills of half a recording that is compared with the other half."""
 
+_WALKS = 3.0
+"""Size of the offsets' walk, over their deviations, from which on it is said: a smaller one may be none."""
+
 _STEADY, _WARM, _FEWEST = 0.7, 7.0, 10
 """Change of an offset from beginning to end, over its range and over the error of a standstill, from which on it counts
 as warming up; and fewest standstills that show it. Chosen: of eight devices on one board it names all when they start
@@ -308,7 +311,7 @@ def _remarks(found: StaticEstimate, walked: Array, lost: float) -> list[DataWarn
     out: list[DataWarning] = []
     for group, unit in (("gyro_offset", "rad/s"), ("accel_offset", "m/s^2")):
         size = float(np.sqrt(walked[layout[group]].max()))
-        if size > float(found.deviation[layout[group]].min()):
+        if size > _WALKS * float(found.deviation[layout[group]].max()):
             name = "gyro" if group.startswith("gyro") else "accelerometer"
             text = f"the {name} offsets walk by {size:.2g} {unit} (rms) from those in the middle of the recording"
             out.append(DataWarning("offsets", text))

@@ -1,13 +1,14 @@
 """The robot by the IMU: errors against truth, poses not used, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from kreisel.calibration.arm_calibration import arm_of, arm_of_all
-from kreisel.calibration.arm_result import NOT_SHOWN
+from kreisel.calibration.arm_calibration import _without_negative, arm_of, arm_of_all
+from kreisel.calibration.arm_result import BEYOND_URDF, NOT_SHOWN, ArmError
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.joint import calibrate_joint
 from kreisel.errors import RecordingError
@@ -121,3 +122,31 @@ def test_without_an_arm_it_says_what_is_missing():
     _, recording = cell(0, reference={"joints": False})
     with pytest.raises(RecordingError, match="joint angles and its description"):
         arm_of(run_calibration(recording, CalibrationSettings()))
+
+
+def test_why_an_arm_with_joint_angles_cannot_be_calibrated_is_said():
+    _, recording = cell(0)
+    joints = recording.joints
+    wrong = replace(joints, angles=joints.angles[:, [1, 0, *range(2, joints.angles.shape[1])]])
+    with pytest.raises(RecordingError, match=r"cannot be calibrated: reported poses differ by .* order or signs"):
+        arm_of(run_calibration(replace(recording, joints=wrong), CalibrationSettings()))
+
+
+def test_what_robot_urdf_alone_leaves_is_said():
+    """Sag of 2 mrad: a robot description holds no compliance."""
+    errors = {"geometry_length_sd": 3e-4, "geometry_angle_sd": 3e-4, "sag_sd": 2e-3}
+    _, recording = cell(0, errors=errors)
+    found = arm_of(run_calibration(recording, CalibrationSettings()))
+    assert found.calibration.accepted
+    assert BEYOND_URDF in [warning.message for warning in found.warnings]
+    for part in found.unused:
+        assert part.by_urdf.orientation > 2.0 * part.after.orientation
+        assert part.expected.position < 3.0 * part.after.position
+
+
+@pytest.mark.parametrize(("value", "accepted"), [(-3e-7, False), (-5e-8, True), (3e-7, True)])
+def test_a_joint_that_yields_against_its_load_is_a_reason_against_the_result(one, value, accepted):
+    errors = [ArmError("robot.compliance[1]", "j2: compliance", "µrad/(N m)", 1e-6, value, 2e-8, 1e-6)]
+    verdict = _without_negative(one[2].calibration.verdict, errors)
+    assert verdict.accepted == accepted
+    assert accepted or "compliance of j2 is negative" in verdict.reasons[-1]

@@ -252,10 +252,10 @@ def test_positions_off_by_no_units_factor_are_refused_with_it(factor):
 def test_positions_are_refused_only_where_both_bounds_lie_on_one_side(bounds, said):
     fit = AccelerationFit(np.eye(3), np.full((3, 3), 1e-3), bounds, 1.0, 1.0, 1.0)
     if said is None:
-        _check_lengths(recorded().reference, fit)
+        _check_lengths(recorded().reference, fit, arm=False)
     else:
         with pytest.raises(RecordingError, match=said):
-            _check_lengths(recorded().reference, fit)
+            _check_lengths(recorded().reference, fit, arm=False)
 
 
 @pytest.mark.parametrize("factor", [0.97, 1.03])
