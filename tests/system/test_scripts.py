@@ -66,6 +66,13 @@ def test_phases_are_timed(tmp_path):
     assert "strapdown passes of" in ended.stdout
 
 
+def test_trays_are_timed():
+    ended = run("-m", "benchmarks.trays", "--units", "2", "--seconds", "40")
+    assert ended.returncode == 0, ended.stderr
+    assert "2 units:" in ended.stdout
+    assert "exponent of the number of units, from 1 on" in ended.stdout
+
+
 def test_peers_are_timed():
     """Those that are not installed are named and left out."""
     ended = run("-m", "benchmarks.peers", "1")

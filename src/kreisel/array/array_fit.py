@@ -40,9 +40,9 @@ _PRIORS = {
 of its IMU (m), matrix, change of the offset since the standstills and half its drift (m/s^2), delay of the
 accelerometers against the gyros (s), smoothing beyond the gyros' (s^2), mean offset of the gyros since the standstills
 (rad/s), share by which the gyros' derivatives fall short, smoothing of the gyros (s^2; a filter of 30 Hz), cubic
-coefficients of their mean ((rad/s)^-2; 0.25 % at 7 rad/s), delay of an IMU's accelerometers beyond that of the first
-one's (s). The offsets: 5 mg and 200 deg/h, by which inexpensive units drift when they warm up. Derivatives of 4 Hz are
-3 % short by cubics at 62.5 Hz, and 2 % by a filter of 20 Hz."""
+coefficients of each axis of theirs ((rad/s)^-2; 0.25 % at 7 rad/s), delay of an IMU's accelerometers beyond that of
+the first one's (s). The offsets: 5 mg and 200 deg/h, by which inexpensive units drift when they warm up. Derivatives of
+4 Hz are 3 % short by cubics at 62.5 Hz, and 2 % by a filter of 20 Hz."""
 
 _UNKNOWN = {"offset": 0.6, "matrix": 5e-2, "rate": 0.1}
 """The same of an IMU that is not calibrated by standstills: those of usual devices, see `model.groups`; where none is,
@@ -124,8 +124,8 @@ class _Layout:
         self.offset = [slice(at + 6 * k, at + 6 * k + 6) for k in range(count)]
         at += 6 * count
         self.gyro, self.lag, self.smoothing, self.rate = slice(at, at + 9), at + 9, at + 10, slice(at + 11, at + 14)
-        self.slope, self.filtering, self.cubic = at + 14, at + 15, slice(at + 16, at + 19)
-        at += 19
+        self.slope, self.filtering, self.cubic = at + 14, at + 15, slice(at + 16, at + 16 + 3 * count)
+        at += 16 + 3 * count
         self.late = [at + k - 1 if k else None for k in range(count)]
         self.size = at + count - 1
         sizes = [3 * (count - 1), 3 * (count - 1), 9 * count, 9 * count, 6 * count]
@@ -133,7 +133,7 @@ class _Layout:
         own = np.repeat([_PRIORS[name] for name in names], sizes)
         rate = (_UNKNOWN if not any(calibrated) else _PRIORS)["rate"]
         common = [_PRIORS["lag"], _PRIORS["smoothing"], *[rate] * 3, _PRIORS["slope"], _PRIORS["filtering"]]
-        common += [_PRIORS["cubic"]] * 3 + [_PRIORS["late"]] * (count - 1)
+        common += [_PRIORS["cubic"]] * 3 * count + [_PRIORS["late"]] * (count - 1)
         self.deviations = np.concatenate([own, gyro, common])
         for k in np.flatnonzero(~np.array(calibrated)):
             self.deviations[self.offset[k].start : self.offset[k].start + 3] = _UNKNOWN["offset"]
@@ -369,12 +369,18 @@ def _slopes(
     H[:, [0, 1, 2], [3, 4, 5]] = (1.0 + theta[layout.slope]) * size
     gyro = np.eye(3) + theta[layout.gyro].reshape(3, 3)
     seen = motion.slope[part] + theta[layout.lag] * motion.bend[part]
-    by_cubic = 3.0 * motion.mean[part] ** 2 * motion.slope[part]
+    by_cubic = _by_cubics(motion, 3.0 * motion.in_axes(motion.mean[part]) ** 2 * motion.in_axes(motion.slope[part]))
     J[:, :, layout.slope], J[:, :, layout.lag] = size * alpha, -size * motion.bend[part] @ gyro.T
     for i in range(3):
         J[:, i, layout.gyro.start + 3 * i : layout.gyro.start + 3 * i + 3] = -size * seen
-        J[:, i, layout.cubic.start + i] = -size[:, 0] * by_cubic[:, i]
-    return H, size * (seen @ gyro.T + theta[layout.cubic] * by_cubic), J
+    J[:, :, layout.cubic] = -size[:, :, None] * by_cubic
+    return H, size * (seen @ gyro.T + by_cubic @ theta[layout.cubic]), J
+
+
+def _by_cubics(motion: HandMotion, cubes: Array) -> Array:
+    """Return what cubes of rates about the axes of each IMU, (N, m, 3), do to the mean rate, (m, 3, 3 N)."""
+    out = np.einsum("kij,kmj->mikj", motion.axes, cubes) / len(motion.axes)
+    return np.asarray(out.reshape(out.shape[0], 3, -1))
 
 
 def _mixed(mixing: Array, rows: Array) -> Array:
@@ -409,8 +415,8 @@ def _rows(
     motion: HandMotion, layout: _Layout, theta: Array, alpha: Array, delays: Array, part: slice, *, changing: bool
 ) -> tuple[Array, Array, Array]:
     """Return what every sample's unknowns, the motion, and the parameters do to ideal accelerometers."""
-    read = motion.mean[part]
-    mean = read @ (np.eye(3) + theta[layout.gyro].reshape(3, 3)).T + theta[layout.rate] + theta[layout.cubic] * read**3
+    read, cubes = motion.mean[part], _by_cubics(motion, motion.in_axes(motion.mean[part]) ** 3)
+    mean = read @ (np.eye(3) + theta[layout.gyro].reshape(3, 3)).T + theta[layout.rate] + cubes @ theta[layout.cubic]
     samples = mean.shape[0]
     H = np.zeros((samples, 3 * layout.count, 12 if changing else 6))
     J = np.zeros((samples, 3 * layout.count, layout.size))
@@ -443,6 +449,6 @@ def _rows(
             J[:, row, layout.lag] = np.sum(by_rate * alpha, axis=1)
             J[:, row, layout.gyro] = (by_rate[:, :, None] * omega[:, None, :]).reshape(samples, 9)
             J[:, row, layout.smoothing] = bent @ r
-            J[:, row, layout.rate], J[:, row, layout.cubic] = by_rate, by_rate * read**3
+            J[:, row, layout.rate], J[:, row, layout.cubic] = by_rate, np.einsum("mi,mic->mc", by_rate, cubes)
             J[:, row, layout.filtering] = -np.sum(by_rate * motion.bend[part], axis=1)
     return H, known, J

@@ -70,6 +70,10 @@ class HandMotion:
         """Mean rate, (n, 3)."""
         return np.asarray(self.rates.mean(axis=0))
 
+    def in_axes(self, vectors: Array) -> Array:
+        """Return vectors (m, 3) in the axes of each IMU, (N, m, 3)."""
+        return np.asarray(vectors @ self.axes)
+
 
 def corrected_readings(imu: ImuSamples, sensors: SensorParameters) -> ImuSamples:
     """Return readings with offset and matrix applied."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from kreisel.array import array_fit
 from kreisel.array.array_fit import fit_array
 from kreisel.array.hand_motion import hand_motion, matrix_deviation
 from kreisel.array.without_reference import _check_turn, _clipped, rest_rotations
@@ -220,3 +221,13 @@ def test_an_array_that_rests_is_refused(tmp_path):
     still = [recorded(imu.seconds[:150], imu.rates[:150], imu.accelerations[:150], tmp_path) for imu in imus]
     with pytest.raises(RecordingError, match="shake the array"):
         found_of(still)
+
+
+def test_gyros_that_are_not_linear_at_quick_rates_do_no_harm(tmp_path, monkeypatch):
+    """A tenth of a permille at 1 rad/s, and 0.2 % at the rms of 4.6: without cubics distances are 1.8 % off."""
+    imus, _ = array(17, 4, tmp_path)
+    bent = [replace(imu, rates=imu.rates * (1.0 + 1e-4 * imu.rates**2)) for imu in imus]
+    fit, _ = found_of(bent)
+    assert max(chi_square(fit, k) for k in (1, 2, 3)) < 3.0
+    monkeypatch.setitem(array_fit._PRIORS, "cubic", 1e-9)
+    assert min(chi_square(found_of(bent)[0], k) for k in (1, 2, 3)) > 50.0
