@@ -32,7 +32,7 @@ def variance_of_reference(problem: Problem, run: Fit, slopes: Slopes, known: Eli
     still, measured = run.history.at_standstill, np.nan_to_num(run.history.noise_variance)
     coloured, starts = noise.coloured, slopes.starts
     of_arm = np.array([noise.pose_error.position, noise.pose_error.orientation]) ** 2
-    at_rest = np.array([noise.reference.standstill_position, noise.reference.standstill_orientation]) ** 2
+    at_rest = np.array(noise.at_rest) ** 2
     in_motion = np.array([coloured.position, coloured.orientation]) ** 2 - of_arm
     out = {Source.PATH: np.zeros(n), Source.STANDSTILL: np.zeros(n), Source.ROBOT: np.zeros(n)}
     exchange = np.linalg.solve(known.information, known.run)

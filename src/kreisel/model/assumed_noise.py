@@ -132,6 +132,8 @@ class AssumedNoise:
         Relative deviation of the IMU's seconds from true ones.
     stamps : (m,)
         Standard deviation of the stamp of every pose, s; (0,) where all are those of `reference`.
+    persists
+        Whether coloured noise of poses is there at standstill, too.
     """
 
     reference: ReferenceNoise
@@ -150,6 +152,7 @@ class AssumedNoise:
     lateness: float = 0.0
     time_base_sd: float = 0.0
     stamps: Array = field(default_factory=lambda: np.zeros(0))
+    persists: bool = False
 
     def stamp_deviations(self, poses: Indices) -> Array:
         """Return the standard deviations of the stamps of some poses, s."""
@@ -158,21 +161,31 @@ class AssumedNoise:
     @property
     def coloured(self) -> ColouredNoise:
         """The reference's coloured noise: the part found by likelihood, and that of an arm's geometry."""
-        noise, own = self.reference, self.pose_error
+        own = self.pose_error
         if self.correlation_time == 0.0:
             return ColouredNoise(own.time, own.position, own.orientation, 1.0)
-        found = (COLOURED_SHARE**0.5 * noise.position, COLOURED_SHARE**0.5 * noise.orientation)
+        found = self._found
         size = (math.hypot(found[0], own.position), math.hypot(found[1], own.orientation))
         return ColouredNoise(self.correlation_time, *size, (1.0 - COLOURED_SHARE) ** 0.5)
 
     @property
+    def _found(self) -> tuple[float, float]:
+        """Sizes of the coloured noise that was found by likelihood, m and rad."""
+        return COLOURED_SHARE**0.5 * self.reference.position, COLOURED_SHARE**0.5 * self.reference.orientation
+
+    @property
+    def at_rest(self) -> tuple[float, float]:
+        """Error of the pose at a standstill by the reference's own noise, drawn once for each, m and rad."""
+        stated = self.reference.standstill_position, self.reference.standstill_orientation
+        if not self.persists or self.correlation_time == 0.0:
+            return stated
+        return max(stated[0], self._found[0]), max(stated[1], self._found[1])
+
+    @property
     def standstill_error(self) -> tuple[float, float]:
         """Error of the pose at a standstill, drawn once for each, m and rad."""
-        noise, own = self.reference, self.pose_error
-        return (
-            math.hypot(noise.standstill_position, own.position),
-            math.hypot(noise.standstill_orientation, own.orientation),
-        )
+        (position, orientation), own = self.at_rest, self.pose_error
+        return math.hypot(position, own.position), math.hypot(orientation, own.orientation)
 
 
 def stamps_of(usual: float, wrong: Mask, interval: float) -> Array:

@@ -58,6 +58,10 @@ _HALF_A_CHAIN = math.sqrt(2.0)
 """Errors of the base frame, and of the tool frame, over those of one placement: as of two that are independent. Chosen;
 see docs/explanation/robot-errors.md."""
 
+_FEW_STANDSTILLS = 6
+"""Standstills below which they do not show by themselves how large a reference's errors are there. Those of cameras,
+which depend on where the markers are, are then as large as in motion. Chosen: six scatter by a third."""
+
 _AXIS_SD = 0.02
 """rad; how far an arm of which nothing is stated may turn about another axis than it reports."""
 
@@ -236,6 +240,7 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         axis_sd=_AXIS_SD if preparation.recording.settings.robot.angle_sd is None else frame_sd[1],
         lateness=math.hypot(preparation.recording.imu.lateness, preparation.reference.lateness),
         stamps=stamps_of(reference.stamp, preparation.wrong_stamps, preparation.reference.interval),
+        persists=preparation.recording.reference_kind == "mocap" and len(preparation.standstills) < _FEW_STANDSTILLS,
     )
 
 

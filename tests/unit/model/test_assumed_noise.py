@@ -49,3 +49,10 @@ def test_the_error_at_a_standstill_is_the_references_and_the_arms_together():
     position, orientation = assumed(pose_error=ARM).standstill_error
     assert position**2 == pytest.approx(5e-4**2 + 4e-3**2, rel=1e-12)
     assert orientation**2 == pytest.approx(6e-4**2 + 3e-3**2, rel=1e-12)
+
+
+def test_coloured_noise_of_cameras_does_not_end_at_a_standstill():
+    found = COLOURED_SHARE**0.5
+    assert assumed(correlation_time=0.7, persists=True).at_rest == pytest.approx((found * 3e-3, found * 4e-3))
+    assert assumed(correlation_time=0.7).at_rest == (5e-4, 6e-4)
+    assert assumed(persists=True).at_rest == (5e-4, 6e-4)  # white noise says nothing of it

@@ -10,6 +10,7 @@ from kreisel.errors import SynchronizationError
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY
 from kreisel.preparation.build_problem import (
+    _assumed_noise,
     _of_layout,
     _pose_error,
     _with_held_values,
@@ -220,3 +221,12 @@ def test_every_group_of_the_state_has_a_start_and_a_prior(prepared):
                 assert covariance.shape == (part.degrees, part.degrees)
                 assert np.linalg.eigvalsh(covariance).min() > 0.0
         assert set(problem.prior.covariance) >= set(problem.groups) <= set(problem.prior.start_covariance)
+
+
+@pytest.mark.parametrize(
+    ("kind", "standstills", "persists"), [("mocap", 3, True), ("mocap", 6, False), ("robot", 3, False)]
+)
+def test_few_standstills_of_cameras_do_not_show_how_large_errors_are_there(prepared, kind, standstills, persists):
+    made = with_kind(prepared, kind)
+    many = (made.standstills * 6)[:standstills]
+    assert _assumed_noise(replace(made, standstills=many)).persists == persists
