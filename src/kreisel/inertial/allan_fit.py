@@ -26,7 +26,7 @@ _MISFIT = 0.05
 """Relative uncertainty of a point besides that of its average. Chosen: no sensor has just the noises of the model."""
 
 _PENALTY = 4.0
-"""What another noise must improve the misfit by, to be as likely as none: Bayes' criterion for curves of fifty points."""
+"""What another noise must improve the misfit by, to be as likely as none: Bayes' criterion, for fifty points."""
 
 _FREQUENCIES = 3000
 """Points of the integrals over frequency. Chosen: variances change by 3e-3 with twice as many."""
@@ -35,8 +35,8 @@ _SMOOTHED = (0, 1)
 """Noises of smoothed readings, at least."""
 
 _SMALL = 5.0
-"""White noise over what a filter takes of it, at the shortest averages that are used. Chosen: with ten the noise density
-changes by 3e-3 at most (filters of 10 to 80 Hz at 200 Hz), and its deviation grows by a quarter."""
+"""White noise over what a filter takes of it, at the shortest averages that are used. Chosen: with ten the noise
+density changes by 3e-3 at most (filters of 10 to 80 Hz at 200 Hz), and its deviation grows by a quarter."""
 
 _LEAST = 1e-2
 """Smallest spectrum of smoothed readings, over that of the white noise."""
