@@ -201,7 +201,7 @@ def test_noise_figures_at_rest(cell, refused, tmp_path):
     assert document["accelerometer"]["random_walk"] == [None, None, None]
     assert json.loads(run("allan", tmp_path / "rest", "--json").stdout) == document
     assert "Allan deviation" in (tmp_path / "out" / "allan.html").read_text()
-    refused("is not at rest", "allan", cell)
+    refused("are not at rest", "allan", cell)
     refused("has no poses", "allan", tmp_path / "rest", "--in-motion")
 
 

@@ -7,11 +7,9 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from kreisel.calibration.result import Calibration
 from kreisel.errors import SettingsError, unknown_name
-from kreisel.inertial.allan import MOVING, density_and_walk, moved, noise_figures
+from kreisel.inertial.allan import density_and_walk, noise_figures, unrest
 from kreisel.inertial.noise_figures import GRADES, equivalent_walk
 from kreisel.recording.recording import ImuSamples
 from kreisel.validation.imu_checks import check_quantities
@@ -127,17 +125,9 @@ def _at_rest(imu: ImuSamples) -> tuple[dict[str, float], str]:
         )
     figures: dict[str, float] = {}
     for name, values in (("gyro", imu.rates), ("accel", imu.accelerations)):
-        _check_resting(values, imu.interval, name)
+        reason = unrest(values, imu.interval)
+        if reason is not None:
+            raise SettingsError(f"--at-rest: the {name} readings are not at rest: {reason}")
         found = density_and_walk(noise_figures(values, imu.interval))
         figures |= {f"{name}_{what}": value for what, value in found.items()}
     return figures, f"Allan deviation of {seconds / 3600.0:.2g} h at rest, {imu.source}"
-
-
-def _check_resting(values: np.ndarray, interval: float, name: str) -> None:
-    """Raise an error for readings that move: means over a second, against the noise of the samples."""
-    most, second = moved(values, interval)
-    if most > MOVING:
-        raise SettingsError(
-            f"--at-rest: the {name} readings are not at rest: near {second} s they change {most:.0f} times as much "
-            "from second to second as usually; cut out the part at rest"
-        )

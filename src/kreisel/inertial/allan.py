@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -166,10 +167,26 @@ MOVING = 10.0
 """Largest change from second to second at rest, in units of the usual one."""
 
 
-def moved(values: Array, interval: float) -> tuple[float, int]:
-    """Return the largest change of means over a second, over the usual one, and the second it is at."""
+def moved(values: Array, interval: float, middle: Callable[..., Array] = np.mean) -> tuple[float, int]:
+    """Return the largest change of means over a second, over the usual one, and the second it is at.
+
+    middle: instead of the mean; the median does not see single readings.
+    """
     m = max(round(1.0 / interval), 2)
-    means = values[: len(values) // m * m].reshape(-1, m, 3).mean(axis=1)
+    means = middle(values[: len(values) // m * m].reshape(-1, m, 3), axis=1)
     steps = np.abs(np.diff(means, axis=0))
     over = steps / (np.median(steps, axis=0) + 1e-12)
     return float(over.max()), int(np.argmax(over.max(axis=1)))
+
+
+def unrest(values: Array, interval: float) -> str | None:
+    """Return why readings are not at rest, as the end of a sentence about them; None if they are."""
+    most, second = moved(values, interval)
+    if most <= MOVING:
+        return None
+    if moved(values, interval, np.median)[0] <= MOVING:
+        return f"single readings near {second} s are far off: leave them out"
+    return (
+        f"near {second} s they change {most:.0f} times as much from second to second as usually; cut out the part at "
+        "rest"
+    )

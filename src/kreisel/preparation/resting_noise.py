@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.inertial.allan import MOVING, TERMS, NoiseFigures, density_and_walk, moved, noise_figures, warms_up
+from kreisel.inertial.allan import TERMS, NoiseFigures, density_and_walk, noise_figures, unrest, warms_up
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.units import DEG, MG
 from kreisel.validation.imu_checks import check_quantities
@@ -86,13 +86,9 @@ def allan_report(recording: Recording) -> AllanReport:
         )
     figures, remarks = {}, _gaps(imu)
     for sensor, values in (("gyroscope", imu.rates), ("accelerometer", imu.accelerations)):
-        most, second = moved(values, imu.interval)
-        if most > MOVING:
-            raise RecordingError(
-                f"the {sensor} is not at rest: near {second} s its readings change {most:.0f} times as much from "
-                "second to second as usually; cut out the part at rest",
-                file=imu.source,
-            )
+        reason = unrest(values, imu.interval)
+        if reason is not None:
+            raise RecordingError(f"the readings of the {sensor} are not at rest: {reason}", file=imu.source)
         figures[sensor] = noise_figures(values, imu.interval)
         remarks += _remarks(sensor, figures[sensor], values)
     return AllanReport(figures, tuple(remarks), seconds)

@@ -53,6 +53,14 @@ def test_what_the_length_cannot_show_is_null_and_said():
     assert "gyro_random_walk" not in document_of(allan_report(at_rest(120.0, flicker=0.0)))["filter"]
 
 
+def test_a_single_reading_that_is_far_off_is_no_motion():
+    quiet = at_rest(100.0)
+    rates = quiet.imu.rates.copy()
+    rates[500] += 1.0
+    with pytest.raises(RecordingError, match="not at rest: single readings near (24|25) s are far off"):
+        allan_report(replace(quiet, imu=replace(quiet.imu, rates=rates)))
+
+
 def test_a_dead_axis_gaps_and_smoothed_readings_are_named():
     quiet = at_rest(600.0)
     rates = quiet.imu.rates.copy()
@@ -78,5 +86,5 @@ def test_what_is_short_or_moves_is_refused():
         allan_report(at_rest(10.05))
     moving = at_rest(120.0)
     moving.imu.rates[1000:1100] += 0.1
-    with pytest.raises(RecordingError, match="gyroscope is not at rest: near (49|54) s"):
+    with pytest.raises(RecordingError, match="of the gyroscope are not at rest: near (49|54) s"):
         allan_report(moving)
