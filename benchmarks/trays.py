@@ -44,7 +44,8 @@ def main() -> None:
     parser.add_argument("--units", type=int, nargs="+", default=[4, 16, 64])
     parser.add_argument("--seconds", type=float, default=600.0)
     given = parser.parse_args()
-    counts, seconds = [], []
+    counts: list[int] = []
+    seconds: list[float] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for units in given.units:
