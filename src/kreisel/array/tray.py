@@ -18,7 +18,7 @@ from kreisel.array.mean_imu import Aligned, BaseRows, MeanImu, align, gains_of
 from kreisel.array.mount_watch import Turn
 from kreisel.array.resampled import Resampled, resampled
 from kreisel.array.tray_outcome import TrayOutcome, UnitOutcome
-from kreisel.array.tray_places import places_of_units
+from kreisel.array.tray_places import covariance_of_units, places_of_units
 from kreisel.array.tray_result import mover_of, spread_of, unit_calibration
 from kreisel.array.unit_clock import BASES, clock_of
 from kreisel.array.unit_fit import Common, UnitFit, fit_unit
@@ -513,8 +513,9 @@ def _outcome(
     groups = _groups(list(found.fits))
     units = [unit for group in groups for unit in executor([partial(concluded, name) for name in group])]
     left_out = tuple((tray.left_out | found.failed).items())
-    poses, covariance = places_of_units(mean.calibration, units)
-    return TrayOutcome(tray.base, mean, tuple(units), left_out, poses, covariance, tray.gain)
+    joint = covariance_of_units(mean.calibration, units)
+    poses, covariance = places_of_units(units, joint)
+    return TrayOutcome(tray.base, mean, tuple(units), left_out, poses, covariance, tray.gain, joint)
 
 
 def _far(fit: UnitFit, seconds: float) -> tuple[DataWarning, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from kreisel.array.mount_watch import Turn
 from kreisel.array.relative_pose import AXES, CLOCK, SCHEMA, RelativePose, clock_document
 from kreisel.array.unit_fit import UnitFit
+from kreisel.calibration.device_axes import NAMES
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.geometry.rotation import Array
@@ -50,6 +51,8 @@ class TrayOutcome:
         Of all k places, one after the other.
     gain : (2,)
         How many equal units have the noise of the mean, of gyros and accelerometers.
+    joint : (33 N, 33 N)
+        Covariance of all units' parameters, in the order of `parameter_names`.
     """
 
     recording: Recording
@@ -59,6 +62,7 @@ class TrayOutcome:
     poses: dict[str, RelativePose]
     covariance: Array
     gain: Array
+    joint: Array
 
     @property
     def reference(self) -> str:
@@ -82,6 +86,11 @@ class TrayOutcome:
         """What the rows of the covariance are of."""
         parts = [f"{what}.{axis}" for what in ("position", "rotation") for axis in "xyz"]
         return [f"{name}.{part}" for name in self.poses for part in parts]
+
+    @property
+    def parameter_names(self) -> list[str]:
+        """What the rows of the joint covariance are of."""
+        return [f"{unit.name}.{name}" for unit in self.units for name in NAMES]
 
     @property
     def array_document(self) -> dict[str, object]:

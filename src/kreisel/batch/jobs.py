@@ -17,7 +17,7 @@ from kreisel.model.calibration_settings import CalibrationSettings
 MEAN = "mean"
 """Folder of the mean of the units of a tray."""
 
-TRAY_FILES = ("array.yaml", "covariance.csv", "report.html")
+TRAY_FILES = ("array.yaml", "covariance.csv", "units_covariance.npz", "report.html")
 """Files of a tray beside the folders of its units and of their mean."""
 
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from kreisel.batch.job_result import Run, date_of, key_of_unit
 from kreisel.batch.jobs import MEAN, TRAY_FILES, Job
 from kreisel.errors import KreiselError
@@ -59,6 +61,9 @@ def write_tray_results(outcome: TrayOutcome, folder: Path) -> None:
     with replaced_together(folder, TRAY_FILES) as writing:
         write_document(outcome.array_document, writing / "array.yaml")
         _write_covariance(outcome, writing / "covariance.csv")
+        np.savez_compressed(
+            writing / "units_covariance.npz", names=np.array(outcome.parameter_names), covariance=outcome.joint
+        )
         write_tray(outcome, writing / "report.html")
 
 

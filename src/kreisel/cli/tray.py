@@ -126,5 +126,5 @@ def _say(outcome: TrayOutcome, decisions: dict[str, Any], output: Path | None) -
         typer.echo("nothing written; -o OUT writes the results and a report")
         return
     folders = ", ".join(unit.name for unit in outcome.units[:3]) + (", …" if len(outcome.units) > 3 else "")
-    files = "array.yaml, covariance.csv, report.html, mean/report.html"
+    files = "array.yaml, covariance.csv, units_covariance.npz, report.html, mean/report.html"
     typer.echo(f"written: {output}/{files}, and calibration.yaml in {folders}")

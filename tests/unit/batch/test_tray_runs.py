@@ -58,7 +58,8 @@ def test_a_tray_is_waiting_until_all_of_its_runs_and_files_are_there(jobs, tmp_p
     tray = jobs[0]
     batch = Batch([tray], SETTINGS, tmp_path / "results", reports=True)
     folder = tmp_path / "results" / "day" / "tray"
-    files = ["array.yaml", "covariance.csv", "report.html", "mean/calibration.yaml", "mean/report.html"]
+    files = ["array.yaml", "covariance.csv", "units_covariance.npz", "report.html"]
+    files += ["mean/calibration.yaml", "mean/report.html"]
     files += [f"imu{k}/calibration.yaml" for k in range(11) if k != 4]
     with Store(tmp_path / "r.db") as store:
         assert waiting_in(batch, store) == [0]
