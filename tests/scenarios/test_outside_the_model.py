@@ -170,14 +170,16 @@ def test_a_step_of_an_offset_is_found_and_stands_in_its_deviation():
 
 @pytest.mark.parametrize("factor", [1.0, 5.0])
 def test_a_mount_that_slips_is_named_and_rejected_unless_deviations_contain_both_mounts(factor):
+    """One of 2.4 mrad is not beyond what an unknown arm errs by: where it is accepted, it need not be named."""
     truth, recording = cell(42)
     poses, slip = recording.reference, factor * np.array([0.002, -0.001, 0.001])
     late = np.arange(poses.stamps_ns.size) > 0.5 * poses.stamps_ns.size
     turned = multiply(poses.quaternions, exp(np.where(late[:, None], slip, 0.0)))
     outcome = calibrated(replace(recording, reference=replace(poses, quaternions=turned), joints=None))
-    assert outcome.verdict.causes[0].name == "slipping mount"
     assert not outcome.verdict.accepted or factor == 1.0
-    if outcome.verdict.accepted:
+    if not outcome.verdict.accepted:
+        assert outcome.verdict.causes[0].name == "slipping mount"
+    else:
         C, sensors = matrix(exp(slip)).T, truth.sensors
         after = replace(sensors, K_omega=C @ sensors.K_omega, K_a=C @ sensors.K_a, lever_arms=sensors.lever_arms @ C.T)
         assert max(worst(outcome, truth), worst(outcome, replace(truth, sensors=after))) < 4.0
