@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class HandMotion:
     clocks: tuple[Clock, ...]
     change: SuddenChange | None = None
 
-    @property
+    @cached_property
     def mean(self) -> Array:
         """Mean rate, (n, 3)."""
         return np.asarray(self.rates.mean(axis=0))

@@ -42,8 +42,8 @@ class RowParts:
         Of a turn of the unit (rad, in b) and a change of its offsets, if they began with the part.
     cross : (2, parts, 6, p)
         With all parameters.
-    whole, of_fit : (p, p), (parts, p)
-        Information about all parameters, and what each part says of them.
+    whole : (p, p)
+        Information about all parameters.
     """
 
     seconds: Array
@@ -51,7 +51,6 @@ class RowParts:
     score: Array
     cross: Array
     whole: Array
-    of_fit: Array
 
 
 @dataclass(frozen=True)

@@ -565,7 +565,7 @@ def _parts(solved: _Solved, mean: MeanMotion, p: SensorParameters) -> RowParts:
         score[triad] += _parted(Z * w * left, length)
         cross[triad][:, :, axis.places] += _products(Z * w, axis.columns, length)
     edges = mean.seconds[0] + mean.row * length * np.arange(count + 1)
-    return RowParts(edges, info, score, cross, solved.information, _parted(_scores(solved), length))
+    return RowParts(edges, info, score, cross, solved.information)
 
 
 def _products(left: Array, right: Array, length: int) -> Array:

@@ -212,7 +212,7 @@ def _unused(parts: Sequence[_Known]) -> tuple[UnusedPoses, ...]:
 
 def _in_urdf(model: RobotModel, at: Indices) -> Mask:
     """Return which errors, of places `at` in the vector of all, a robot description holds."""
-    errors = RobotParameters.none(len(model.arm.joints))
+    errors = RobotParameters.none(model.joints)
     held = np.zeros(errors.vector.size, dtype=bool)
     for group in ("robot_placement", "robot_zeros"):
         held[errors.part(group)] = True

@@ -156,7 +156,7 @@ twentieths of its second half, from which on it counts as warming up. Chosen: a 
 
 
 def warms_up(values: Array) -> NDArray[np.bool_]:
-    """Return which axes (3,) of readings at rest change more from beginning to end than they wander at last."""
+    """Return which axes (3,) of readings at rest change more from beginning to end than they vary at last."""
     means = np.array([part.mean(axis=0) for part in np.array_split(values, _PARTS)])
     usual = np.sqrt(np.mean(np.diff(means[_PARTS // 2 :], axis=0) ** 2, axis=0))
     change = np.abs(means[-_PARTS // 5 :].mean(axis=0) - means[: _PARTS // 5].mean(axis=0))

@@ -144,7 +144,7 @@ def _remarks_of_noise(sensor: str, found: NoiseFigures, values: np.ndarray, aliv
     warm = warms_up(values)
     if warm.any():
         out.append(
-            f"{sensor}: {_axes(warm)} changed from beginning to end, by far more than it wanders at last: the unit "
+            f"{sensor}: {_axes(warm)} changed from beginning to end, by far more than it varies at last: the unit "
             "warms up or its temperature changes; leave out the first hour, or two, and look again"
         )
     return out
