@@ -133,7 +133,9 @@ class AssumedNoise:
     stamps : (m,)
         Standard deviation of the stamp of every pose, s; (0,) where all are those of `reference`.
     persists
-        Whether coloured noise of poses is there at standstill, too.
+        Whether lasting errors of poses are there at standstill, too: coloured noise, and errors on no list.
+    unlisted
+        Rms of the errors of poses on no list that were found and taken out, m and rad.
     """
 
     reference: ReferenceNoise
@@ -153,6 +155,7 @@ class AssumedNoise:
     time_base_sd: float = 0.0
     stamps: Array = field(default_factory=lambda: np.zeros(0))
     persists: bool = False
+    unlisted: tuple[float, float] = (0.0, 0.0)
 
     def stamp_deviations(self, poses: Indices) -> Array:
         """Return the standard deviations of the stamps of some poses, s."""
@@ -176,10 +179,11 @@ class AssumedNoise:
     @property
     def at_rest(self) -> tuple[float, float]:
         """Error of the pose at a standstill by the reference's own noise, drawn once for each, m and rad."""
-        stated = self.reference.standstill_position, self.reference.standstill_orientation
-        if not self.persists or self.correlation_time == 0.0:
-            return stated
-        return max(stated[0], self._found[0]), max(stated[1], self._found[1])
+        position, orientation = self.reference.standstill_position, self.reference.standstill_orientation
+        if not self.persists:
+            return position, orientation
+        found = (0.0, 0.0) if self.correlation_time == 0.0 else self._found
+        return max(position, found[0], self.unlisted[0]), max(orientation, found[1], self.unlisted[1])
 
     @property
     def standstill_error(self) -> tuple[float, float]:

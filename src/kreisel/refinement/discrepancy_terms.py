@@ -334,7 +334,8 @@ class DiscrepancyTerms:
             reference = replace(reference, positions=reference.positions + moved[:, :3])
         if reference.quaternions is not None:
             reference = reference.with_quaternions(multiply(reference.quaternions, exp(moved[:, 3:])))
-        return replace(with_readings(problem, changed), reference=reference)
+        noise = replace(problem.noise, unlisted=(self._of_kind(amplitudes, 0), self._of_kind(amplitudes, 3)))
+        return replace(with_readings(problem, changed), reference=reference, noise=noise)
 
     def size(self, amplitudes: Array, family: int) -> float:
         """Return the rms of what a family adds, over the recording: rad/s, m/s^2, m, rad or s.
@@ -350,6 +351,11 @@ class DiscrepancyTerms:
         else:
             added = functions @ self._chosen(amplitudes, family).T
         return float(np.sqrt(np.mean(added**2)))
+
+    def _of_kind(self, amplitudes: Array, first: int) -> float:
+        """Return the rms of all errors of the reference's positions (first: 0) or orientations (3), m or rad."""
+        own = [i for i, family in enumerate(self._families) if family.rows[0] == POSE_ROWS.start + first]
+        return float(np.sqrt(sum(self.size(amplitudes, i) ** 2 for i in own)))
 
     def _size(self, i: int) -> int:
         """Return the number of a family's terms."""
