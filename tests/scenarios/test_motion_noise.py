@@ -1,9 +1,12 @@
 """Noise in motion, judged by a plain strapdown filter that shares no code with the package, in blocks not used."""
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
@@ -11,6 +14,9 @@ import kreisel
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.motion_noise import _nonnegative, motion_noise
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.simulation.cell import simulate
+from kreisel.simulation.cell_settings import Cell
+from kreisel.validation.checks import check_streams
 
 GAP = 2.0  # s
 DIAGONAL = np.arange(15)
@@ -124,6 +130,23 @@ def test_a_plain_filter_is_consistent_with_the_figures_in_motion(recordings, nam
         assert nees(np.append(found.at_rest, 1.0)) > 2.0
     else:
         np.testing.assert_allclose(found.factor, 1.0, atol=0.35)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_that_is_there_only_while_moving_is_not_diluted_by_standstills(seed):
+    recording = simulate(Cell.model_validate({"seed": seed, "seconds": 300.0}), Path("cell"))[1]
+    imu, generator = recording.imu, np.random.default_rng(seed)
+    moving = uniform_filter1d(np.linalg.norm(imu.rates, axis=1), 21) > 0.005
+    at_rest, added = 1e-3, 5e-3  # m/s^2/sqrt(Hz)
+    size = np.where(moving, math.hypot(at_rest, added), at_rest)[:, None] * imu.interval**-0.5
+    shaken = replace(imu, accelerations=imu.accelerations + size * generator.normal(size=imu.accelerations.shape))
+    found = motion_noise(run_calibration(check_streams(replace(recording, imu=shaken)), CalibrationSettings()))
+    assert found.measured == (True, True)
+    assert found.at_rest[1] == pytest.approx(math.hypot(at_rest, 0.1 * 9.81e-3), rel=0.4)
+    assert 0.5 * (1.0 - moving.mean()) < found.standing < 1.0 - moving.mean()
+    truth = math.hypot(math.hypot(at_rest, added), 9.81e-4)
+    assert abs(math.log(found.while_moving[1] / truth)) < 4.0 * found.best.log_deviation[1]
 
 
 def test_shares_are_those_of_scipys_nonnegative_least_squares():

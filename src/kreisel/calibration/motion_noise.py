@@ -19,6 +19,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.errors import RecordingError
 from kreisel.fitting.update_history import History
 from kreisel.geometry.rotation import Array, Mask
+from kreisel.inertial.noise_figures import coarse_step, white_density
 from kreisel.model.problem import Problem, part_of, with_rarer_updates, with_readings
 from kreisel.progress import Progress
 from kreisel.refinement.estimate import Estimate
@@ -55,6 +56,9 @@ calibration, of most devices."""
 
 _LARGER = 1.25
 """Factor on the density at rest from which its excess is split. Chosen: three deviations of a usual recording."""
+
+_REST, _RESTS = 64, 3
+"""Least readings at a standstill, which show their noise to 10 %, and standstills. Chosen: their median excludes one."""
 
 SENSORS = ("gyroscope", "accelerometer")
 
@@ -98,7 +102,7 @@ class MotionNoise:
     Attributes
     ----------
     at_rest
-        Densities as the standstills of the recording show them, else as the calibration assumed, (2,).
+        Densities as the standstills of the recording show them, else as neighbouring readings differ, (2,).
     measured
         Whether standstills showed them.
     gaps
@@ -108,6 +112,8 @@ class MotionNoise:
     shares : (2, 3)
         Of the squared density over the longest gaps: white, bounded (vibration, the reference), and growing (walks,
         lack of fit); nan where fewer than three lengths show them, or the density is that at rest.
+    standing
+        Share of the time in which the IMU stands still, without a margin before and after.
     """
 
     at_rest: Array
@@ -115,6 +121,7 @@ class MotionNoise:
     gaps: tuple[GapNoise, ...]
     walk: Array
     shares: Array
+    standing: float
 
     @property
     def best(self) -> GapNoise:
@@ -125,6 +132,12 @@ class MotionNoise:
     def factor(self) -> Array:
         """Densities in motion over those at rest, (2,)."""
         return np.asarray(self.best.density / self.at_rest)
+
+    @property
+    def while_moving(self) -> Array:
+        """Densities (2,) of a filter that never stands still, if standstills are as quiet as at rest."""
+        excess = np.maximum(self.best.density**2 - self.at_rest**2, 0.0)
+        return np.asarray(np.sqrt(self.at_rest**2 + excess / max(1.0 - self.standing, 1e-3)))
 
     @property
     def figures(self) -> dict[str, float]:
@@ -147,6 +160,7 @@ class MotionNoise:
                     "noise_density_at_rest": float(self.at_rest[i]),
                     "measured_at_rest": self.measured[i],
                     "factor": float(self.factor[i]),
+                    "noise_density_while_moving": float(self.while_moving[i]),
                     "random_walk": float(self.walk[i]) or None,
                     "shares": {
                         kind: float(share) if np.isfinite(share) else None
@@ -168,6 +182,7 @@ class MotionNoise:
                 }
                 for gap in self.gaps
             ],
+            "standing": self.standing,
             "filter": self.figures,
         }
 
@@ -184,9 +199,9 @@ def motion_noise(outcome: Outcome, progress: Progress | None = None) -> MotionNo
     """
     found = outcome.estimate
     problem = found.problem
-    seen = np.sqrt(np.mean(problem.noise.observed**2, axis=1))
-    measured = np.isfinite(seen)
-    at_rest = np.where(measured, seen, np.array(imu_density(problem)))
+    resting_density = _density_at_rest(problem)
+    measured = resting_density > 0.0
+    at_rest = np.where(measured, resting_density, np.sqrt(np.mean(problem.noise.observed**2, axis=1)))
     known = navigation_only(problem, {group: np.eye(3) * sd**2 for group, sd in _OFFSETS.items()})
     lengths = [k for k in range(20) if GAPS[0] < known.schedule.interval * 2**k < GAPS[1]]
     resting = np.append(at_rest, 1.0)
@@ -206,7 +221,25 @@ def motion_noise(outcome: Outcome, progress: Progress | None = None) -> MotionNo
         )
     walks = [problem.noise.offset_walk.get(f"{name}_offset", 0.0) for name in ("gyro", "accel")]
     shares = np.array([_shares(gaps, at_rest, i) for i in range(2)])
-    return MotionNoise(at_rest, (bool(measured[0]), bool(measured[1])), tuple(gaps), np.array(walks), shares)
+    seconds = problem.sensor.readings.stamps
+    standing = sum(one.stop - one.start for one in problem.schedule.standstills) / float(seconds[-1] - seconds[0])
+    seen_at_rest = bool(measured[0]), bool(measured[1])
+    return MotionNoise(at_rest, seen_at_rest, tuple(gaps), np.array(walks), shares, standing)
+
+
+def _density_at_rest(problem: Problem) -> Array:
+    """Return the noise densities (2,) at the standstills, rms over the axes; 0 where they do not show them."""
+    readings, out = problem.sensor.readings, np.zeros(2)
+    bounds = np.searchsorted(readings.stamps, [(one.start, one.stop) for one in problem.schedule.standstills])
+    long = [slice(first, last) for first, last in bounds.reshape(-1, 2) if last - first >= _REST]
+    if len(long) < _RESTS:
+        return out
+    interval = float(np.median(np.diff(readings.stamps)))
+    for i, values in enumerate((readings.rates, readings.accelerations)):
+        parts = [values[one] for one in long]
+        if not coarse_step(np.concatenate(parts)):
+            out[i] = np.sqrt(np.mean(np.median([white_density(part, interval) for part in parts], axis=0) ** 2))
+    return out
 
 
 def _over_gaps(found: Estimate, phases: list[Problem], at_rest: Array, begin: Array) -> GapNoise | None:
