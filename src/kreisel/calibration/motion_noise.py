@@ -58,7 +58,7 @@ _LARGER = 1.25
 """Factor on the density at rest from which its excess is split. Chosen: three deviations of a usual recording."""
 
 _REST, _RESTS = 64, 3
-"""Least readings at a standstill, which show their noise to 10 %, and standstills. Chosen: their median excludes one."""
+"""Least readings at a standstill, which show noise to 10 %, and standstills. Chosen: their median excludes one."""
 
 SENSORS = ("gyroscope", "accelerometer")
 
