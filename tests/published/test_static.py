@@ -12,6 +12,9 @@ import pytest
 
 from kreisel.calibration.device_axes import upper_triangular
 from kreisel.formats.loading import load
+from kreisel.preparation.gravity import site_of
+from kreisel.static.plain_method import plain_values
+from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
 from kreisel.static.static_result import calibrate_static
 from kreisel.validation.checks import check_streams
@@ -77,6 +80,16 @@ def test_the_published_gyro_matrix_lies_within_the_deviations():
     score = (found.calibration.sensors.K_omega - GYRO) / found.calibration.sensor_sd.K_omega
     assert np.sqrt(np.mean(score**2)) < 1.5
     assert np.abs(score).max() < 3.0
+
+
+def test_the_published_method_gives_the_published_values():
+    """Gyro offsets of the first standstill, and equal weights: the authors' turns are 10 mrad off, rms."""
+    recording = read("openaxes_38_poses/bmi160")
+    site = site_of(recording.settings.site.model_copy(update={"gravity": GRAVITY}))[0]
+    found = plain_values(RestProblem(recording.imu, raw_of(recording.imu), find_rests(recording.imu), site))
+    np.testing.assert_allclose(found.K_omega, GYRO, atol=3e-4)
+    np.testing.assert_allclose(np.diag(found.K_a), np.diag(BMI160), atol=1e-4)
+    np.testing.assert_allclose(found.k_a[0], -np.linalg.solve(BMI160, BMI160_OFFSET), atol=1.5e-3)
 
 
 def test_an_mpu_9150_turned_by_hand():

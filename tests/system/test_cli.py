@@ -183,6 +183,25 @@ def test_estimators_are_compared(cell, refused, tmp_path):
     refused("two estimators are called mine", "compare", cell, "--methods", f"{file}:Mine,{again}")
     refused("unknown estimator 'magic'", "compare", cell, "--methods", "spkf,magic")
     refused("give two or more", "compare", cell, "--methods", "spkf")
+    refused("give two or more", "compare", cell, "--methods", ",")
+
+
+def test_ways_without_a_reference_side_by_side(refused, tmp_path):
+    _, recording = hand_turned(HandTurns(attitudes=16), np.random.default_rng(6))
+    write_folder(recording, tmp_path / "hand")
+    done = run("compare", tmp_path / "hand", "-o", tmp_path / "compared")
+    assert done.returncode == 0, done.stderr
+    document = json.loads((tmp_path / "compared" / "comparison.json").read_text())
+    assert list(document["methods"]) == ["static", "constant-offsets", "tedaldi"]
+    assert document["methods"]["tedaldi"]["accepted"] is None
+    matrices = [
+        {name: value for name, value in document["methods"][way]["estimate"].items() if "cross_coupling" in name}
+        for way in ("static", "tedaldi")
+    ]
+    assert matrices[1] == pytest.approx(matrices[0], abs=5e-3)
+    assert "gyroscope.cross_coupling[0,0]" in document["methods"]["tedaldi"]["difference"]
+    assert "tedaldi differs from static by up to" in " ".join(done.stdout.split())
+    refused("unknown estimator 'spkf'", "compare", tmp_path / "hand", "--methods", "spkf,ekf")
 
 
 def test_noise_figures_at_rest(cell, refused, tmp_path):

@@ -13,13 +13,15 @@ from kreisel.cli import completion
 if TYPE_CHECKING:
     from kreisel.calibration.by_method import Comparison
     from kreisel.calibration.own_estimator import Estimator
+    from kreisel.progress import Progress
 
 
 def compare(
     recordings: list[Path] = typer.Argument(..., help="Recordings, as for `kreisel calibrate`."),
-    methods: str = typer.Option(
-        "spkf,ekf,batch",
-        help="Estimators, with commas between: those of `kreisel calibrate --estimator`, and own ones as FILE.py:NAME.",
+    methods: str | None = typer.Option(
+        None,
+        help="Estimators, with commas between: those of `kreisel calibrate --estimator`, and own ones as FILE.py:NAME; "
+        "by default spkf,ekf,batch. Without poses static, constant-offsets, tedaldi: by default all.",
         autocompletion=completion.several_of(completion.ESTIMATORS),
     ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for comparison.html and comparison.json."),
@@ -28,29 +30,24 @@ def compare(
     """Calibrate recordings by several estimators and compare the results.
 
     Differences are in the standard deviations of the first. With truth.json in a simulated recording, errors are shown.
+    Recordings without poses are calibrated by their standstills.
     """
     import json as json_module
     from math import isfinite
 
     from kreisel.calibration.by_method import document_of_all
-    from kreisel.calibration.method_comparison import compare_methods
     from kreisel.cli.joint import names_of
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
-    from kreisel.cli.threads import in_threads
     from kreisel.errors import EstimationError
-    from kreisel.formats.loading import load
     from kreisel.report.comparison_page import over_recordings
 
-    chosen = _chosen(methods)
     if output is not None:
         check_output(output)
     compared, runs = [], names_of(recordings)
     for path in recordings:
-        truth = _truth(path)
         with progress_bar() as show:
-            read = load(path, executor=in_threads)
-            one = compare_methods(read, chosen, show, in_threads, truth)
+            one = _compared(path, methods, show)
         if not one.done:
             raise EstimationError(f"{path}: " + "; ".join(f"{each.name}: {each.error}" for each in one.found))
         compared.append(one)
@@ -74,15 +71,42 @@ def compare(
         typer.echo(f"written: {output / 'comparison.html'}, comparison.json")
 
 
+def _compared(path: Path, methods: str | None, show: Progress | None) -> Comparison:
+    from kreisel.calibration.method_comparison import compare_methods
+    from kreisel.cli.threads import in_threads
+    from kreisel.errors import SettingsError, unknown_name
+    from kreisel.formats.loading import load
+    from kreisel.static.static_comparison import STATIC_ESTIMATORS, compare_static
+    from kreisel.validation.checks import check_streams
+
+    read = load(path, executor=in_threads)
+    if read.reference is not None:
+        return compare_methods(read, _chosen(methods or "spkf,ekf,batch"), show, in_threads, _truth(path))
+    names = STATIC_ESTIMATORS if methods is None else tuple(_names(methods))
+    for name in names:
+        if name not in STATIC_ESTIMATORS:
+            unknown = unknown_name("estimator", name, STATIC_ESTIMATORS)
+            raise SettingsError(f"--methods {methods}: {unknown}, for {path} has no poses")
+    return compare_static(check_streams(read), names, show)
+
+
+def _names(methods: str) -> list[str]:
+    """Return two or more names with commas between."""
+    from kreisel.errors import SettingsError
+
+    names = list(dict.fromkeys(name.strip() for name in methods.split(",") if name.strip()))
+    if len(names) < 2:
+        raise SettingsError(f"--methods {methods}: give two or more")
+    return names
+
+
 def _chosen(methods: str) -> list[str | Estimator]:
     """Return the names of kreisel's estimators, and own ones."""
     from kreisel.calibration.own_code import load_estimator
     from kreisel.errors import SettingsError, unknown_name
     from kreisel.model.calibration_settings import ESTIMATORS
 
-    names = list(dict.fromkeys(name.strip() for name in methods.split(",") if name.strip()))
-    if len(names) < 2:
-        raise SettingsError(f"--methods {methods}: give two or more; known are {', '.join(ESTIMATORS)}")
+    names = _names(methods)
     chosen: list[str | Estimator] = []
     for name in names:
         own = ":" in name or name.endswith(".py")

@@ -125,7 +125,7 @@ def facts_of(compared: Sequence[Comparison], runs: Sequence[str]) -> list[str]:
         "to the next on data not used, with the calibration of the first part."
     )
     if any(one.accepted is None and one.error is None for comparison in compared for one in comparison.found):
-        out.append("Nobody judges the results of own estimators.")
+        out.append("Results of estimators that are not kreisel's are not judged.")
     if _known(compared):
         out.append("Errors are against truth.json, in each estimator's own standard deviations.")
     return out
