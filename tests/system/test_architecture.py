@@ -1,9 +1,11 @@
 """The house keeps its shape: the longest chain of imports, cycles, and sizes of files and functions."""
 
 import ast
-import subprocess
+import re
 import sys
+import tomllib
 from functools import cache
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 SRC = Path(__file__).resolve().parents[2] / "src"
@@ -191,7 +193,28 @@ def test_every_module_is_imported_by_a_test_or_run_through_one():
         assert (SRC.parent / THROUGH[entry]).is_file(), THROUGH[entry]
 
 
-def test_the_estimators_do_without_scipy():
-    """It is an extra; what needs it imports it where it runs."""
-    forbid = "import sys; sys.modules['scipy'] = None; import kreisel.calibration.calibrate, kreisel.cli.main"
-    subprocess.run([sys.executable, "-c", forbid], check=True, timeout=120)
+NEEDS_AN_EXTRA = {
+    "kreisel.dashboard.app": "starlette",
+    "kreisel.dashboard.patience": "uvicorn",
+    "kreisel.dashboard.serving": "uvicorn starlette",
+    "kreisel.devices.ros2_types": "cyclonedds",
+    "kreisel.report.shown_figure": "matplotlib",
+    "kreisel.station.server": "starlette",
+}
+"""Modules that need a package of an extra as soon as they are imported: whoever needs them imports them where it runs."""
+
+
+def test_a_plain_installation_has_all_that_modules_import():
+    """The tests run with every extra: nothing else would show that a command needs one."""
+    project = tomllib.loads((SRC.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    plain = {re.split(r"[^\w.-]", name)[0].lower() for name in project["dependencies"]} | {"jinja2", "markupsafe"}
+    known = packages_distributions()
+    for name in FILES:
+        further = set()
+        for node in parsed(name).body:
+            modules = [node.module] if isinstance(node, ast.ImportFrom) else []
+            modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for top in {module.split(".")[0] for module in modules} - {"kreisel"} - sys.stdlib_module_names:
+                if not {one.lower() for one in known.get(top, [top])} & plain:
+                    further.add(top)
+        assert further == set(NEEDS_AN_EXTRA.get(name, "").split()), f"{name} needs {further}"

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from kreisel.array.relative_pose import RelativePose, pose_derivatives
 from kreisel.array.tray_result import mover_of, own_covariance
@@ -36,7 +35,10 @@ def covariance_of_units(mean: Calibration, units: Sequence[UnitOutcome]) -> Arra
     n, own = mover_of(mean)[1], [own_covariance(unit.fit) for unit in units]
     by_mean = np.vstack([by_mean for _, by_mean in own])
     blocks = [R / max(1.0 - float(np.mean(unit.share)), 1e-9) for unit, (R, _) in zip(units, own, strict=True)]
-    covariance = by_mean @ mean.covariance[:n, :n] @ by_mean.T + block_diag(*blocks)
+    covariance = by_mean @ mean.covariance[:n, :n] @ by_mean.T
+    for k, block in enumerate(blocks):
+        own_part = slice(_EACH * k, _EACH * (k + 1))
+        covariance[own_part, own_part] += block
     return np.asarray(0.5 * (covariance + covariance.T))
 
 

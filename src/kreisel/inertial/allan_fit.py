@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from kreisel.geometry.rotation import Array, Indices
 
@@ -158,8 +157,7 @@ def _subsets(terms: Array, variance: Array, C: Array, needed: Collection[int]) -
     """Return the fits by all sets of noises that have positive squares."""
     scale = np.sqrt(np.diag(C))
     L = np.linalg.cholesky(C / np.outer(scale, scale))
-    A = solve_triangular(L, terms / scale[:, None], lower=True)
-    b = solve_triangular(L, variance / scale, lower=True)
+    A, b = np.linalg.solve(L, terms / scale[:, None]), np.linalg.solve(L, variance / scale)
     out = []
     for own in _sets(needed):
         size = np.linalg.norm(A[:, own], axis=0)
