@@ -130,16 +130,17 @@ def _remarks_of_noise(sensor: str, found: NoiseFigures, values: np.ndarray, aliv
             "changes are: record longer, and where nothing vibrates"
         )
     either = found.slow & ~np.logical_or.reduce([found.shown[term] for term in ("instability", "walk", "ramp")])
-    hidden = [WORDS[term] for term in ("instability", "walk") if not found.shown[term][alive].all()]
+    if either.any():
+        out.append(
+            f"{sensor}: slow noise in {_axes(either)}, of a kind that {found.tau[-1]:.3g} s of averaging do not show: "
+            "the random walk for a filter contains it; record longer at rest to see which it is"
+        )
+    fast = alive & ~either
+    hidden = [WORDS[term] for term in ("instability", "walk") if not found.shown[term][fast].all()]
     if hidden:
         out.append(
             f"{sensor}: too short for {' and '.join(hidden)} of every axis: the longest averages are "
             f"{found.tau[-1]:.3g} s, and other noise is larger there; record longer at rest"
-            + (
-                f". {_axes(either)} has slow noise of some kind, and the random walk for a filter contains it"
-                if either.any()
-                else ""
-            )
         )
     warm = warms_up(values)
     if warm.any():

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from kreisel.inertial.allan import TERMS, allan_deviation, moved, noise_figures, usual_clusters, warms_up
+from kreisel.inertial.allan import (
+    TERMS,
+    allan_deviation,
+    density_and_walk,
+    moved,
+    noise_figures,
+    usual_clusters,
+    warms_up,
+)
 from kreisel.inertial.allan_fit import covariance_of
 from kreisel.inertial.noise_figures import noise
 
@@ -134,3 +142,11 @@ def test_white_noise_shows_no_slow_noise():
         assert found.shown["density"].all()
         assert not any(found.shown[term].any() for term in TERMS if term != "density")
         assert not found.slow.any()
+
+
+def test_a_walk_far_above_white_noise_is_slow_noise_whatever_its_kind():
+    """Half an hour; at the longest averages it is three times the white noise. Which kind it is may stay open."""
+    for seed in range(6):
+        found = noise_figures(noise(np.random.default_rng(seed), 36_000, 20.0, 1e-4, 0.0, 3e-6), 0.05)
+        assert found.slow.sum() >= 2
+        assert 0.3 * 3e-6 < density_and_walk(found)["walk"] < 3.0 * 3e-6
