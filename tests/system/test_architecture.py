@@ -201,7 +201,7 @@ NEEDS_AN_EXTRA = {
     "kreisel.report.shown_figure": "matplotlib",
     "kreisel.station.server": "starlette",
 }
-"""Modules that need a package of an extra as soon as they are imported: whoever needs them imports them where it runs."""
+"""Modules that need a package of an extra when they are imported: whoever needs them imports them where it runs."""
 
 
 def test_a_plain_installation_has_all_that_modules_import():

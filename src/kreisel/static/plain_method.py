@@ -1,7 +1,7 @@
 """The method of Tedaldi, Pretto and Menegatti (2014) as they published it, to compare with.
 
-Offsets of the gyros are those of the first standstill, and held. All standstills count alike, and all turns. There are no
-deviations.
+Offsets of the gyros are those of the first standstill, and held. All standstills count alike, and all turns. There
+are no deviations.
 """
 
 from __future__ import annotations
