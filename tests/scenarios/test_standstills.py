@@ -141,6 +141,19 @@ def test_samples_lost_without_a_gap_are_said_and_widen_the_gyro_scale():
     assert lost_share(whole.imu, find_rests(whole.imu)) == (0.0, 0.0)
 
 
+def test_samples_that_are_missing_with_their_stamps_widen_nothing():
+    truth, recording = hand_turned(HandTurns(), np.random.default_rng(5))
+    imu, kept = recording.imu, np.random.default_rng(1).random(recording.imu.stamps_ns.size) > 0.08
+    fewer = replace(
+        imu, stamps_ns=imu.stamps_ns[kept], rates=imu.rates[kept], accelerations=imu.accelerations[kept],
+    )  # fmt: skip
+    assert lost_share(fewer, find_rests(fewer)) == (0.0, 0.0)
+    found = calibrate_static(check_streams(replace(recording, imu=fewer)))
+    assert found.calibration.accepted, found.calibration.verdict
+    assert np.abs(scores(truth, found)).max() < 4.0
+    assert [one.subject for one in found.warnings].count("gaps") == 1
+
+
 @pytest.mark.slow
 def test_without_gyros_the_accelerometers_are_calibrated():
     truth, recording = hand_turned(HandTurns(attitudes=24), np.random.default_rng(8))

@@ -259,11 +259,9 @@ def _statically(
     from kreisel.cli.static import say_static, write_static_result
     from kreisel.cli.threads import in_threads
     from kreisel.static.by_robot import calibrate_by_robot
-    from kreisel.validation.checks import check_streams
 
     with progress_bar() as show:
-        read = check_streams(read_one(path, progress=show))
-        outcome = calibrate_by_robot(read, settings, show, in_threads)
+        outcome = calibrate_by_robot(read_one(path, progress=show), settings, show, in_threads)
     write_static_result(outcome, output)
     document = _with_output(outcome.calibration.document, output)
     _end(outcome.calibration, document, partial(say_static, outcome, output), within, output, as_json=as_json)

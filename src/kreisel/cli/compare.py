@@ -77,7 +77,6 @@ def _compared(path: Path, methods: str | None, show: Progress | None) -> Compari
     from kreisel.errors import SettingsError, unknown_name
     from kreisel.formats.loading import load
     from kreisel.static.static_comparison import STATIC_ESTIMATORS, compare_static
-    from kreisel.validation.checks import check_streams
 
     read = load(path, executor=in_threads)
     if read.reference is not None:
@@ -87,7 +86,7 @@ def _compared(path: Path, methods: str | None, show: Progress | None) -> Compari
         if name not in STATIC_ESTIMATORS:
             unknown = unknown_name("estimator", name, STATIC_ESTIMATORS)
             raise SettingsError(f"--methods {methods}: {unknown}, for {path} has no poses")
-    return compare_static(check_streams(read), names, show)
+    return compare_static(read, names, show)
 
 
 def _names(methods: str) -> list[str]:

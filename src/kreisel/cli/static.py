@@ -93,7 +93,6 @@ def static(
     from kreisel.static.static_methods import METHODS
     from kreisel.static.static_result import calibrate_static
     from kreisel.units import MRAD
-    from kreisel.validation.checks import check_streams
 
     if method is not None and method not in METHODS:
         raise SettingsError(unknown_name("method", method, METHODS))
@@ -107,7 +106,7 @@ def static(
         check_output(output)
     source = recording or _guided(live, output, Guided(tuple(until), gravity, seconds, dashboard, host, port))
     with progress_bar() as show:
-        read = check_streams(load(source, imu=imu, columns=columns, progress=show))
+        read = load(source, imu=imu, columns=columns, progress=show)
         outcome = calibrate_static(
             read, gravity=gravity, constant_offsets=constant_offsets, only=only, method=method,
             squareness=squareness * MRAD, progress=show,

@@ -13,6 +13,9 @@ _CLEAR = 8.0
 _CERTAIN = 1.5
 """Deviations between the count and the least and largest that it stands for."""
 
+_GAP = 1.6
+"""Intervals from one stamp to the next from which on a sample is missing there, which the stamps show."""
+
 _TWICE, _NONE = (1.6, 2.5), (-0.5, 0.4)
 """Step over that of the neighbours where a sample is missing, and as far on the other side of one, where no reason
 leads: what jerks in every way does both alike."""
@@ -28,6 +31,8 @@ def lost_share(imu: ImuSamples, rests: Rests) -> tuple[float, float]:
     usual = 0.25 * (w[2:-3] - w[:-5] + w[5:] - w[3:-2])
     size = np.linalg.norm(usual, axis=1)
     clear = size > _CLEAR * np.sqrt(np.sum(rests.density_w**2) / imu.interval)
+    gap = np.diff(imu.stamps_ns) > _GAP * 1e9 * imu.interval
+    clear &= ~np.any([gap[k : gap.size - 4 + k] for k in range(5)], axis=0)
     if not clear.any():
         return 0.0, 0.0
     ratio = np.einsum("ij,ij->i", step, usual)[clear] / size[clear] ** 2
