@@ -206,3 +206,19 @@ def test_lines_with_checksums_are_read_if_they_are_right(prefix):
     for wrong in (f"{checksum ^ 1:02X}", "", "0", "XYZ", "é"):
         (told,) = decoder.receive(f"{prefix}{values}*{wrong}\n".encode())
         assert "the checksum" in str(told)
+
+
+def test_a_line_of_names_needs_no_sign_and_says_what_it_lacks():
+    values = "12.5,1,2,3,0,0,9.8\n"
+    decoder = line.Decoder()
+    assert decoder.receive(b"t [ms],w_x [rad/s],w_y,w_z,a_x [m/s^2],a_y,a_z\n") == []
+    (reading,) = decoder.receive(values.encode())
+    assert reading.stamp_ns == 12_500_000
+    decoder = line.Decoder()
+    assert decoder.receive(b"millis,ax,ay,az,gx,gy,gz\n") == []  # the first line may be incomplete
+    (error,) = decoder.receive(values.encode())
+    assert "no column t, w_x" in str(error)
+    assert "'millis,ax,ay,az,gx,gy,gz'" in str(error)
+    decoder = line.Decoder(line.Columns.parse("tag," + line.COLUMNS))
+    (reading,) = decoder.receive(b"imu,12,1,2,3,0,0,9.8\n" * 2)[-1:]  # text in a column that is skipped
+    assert reading.stamp_ns == 12

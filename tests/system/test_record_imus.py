@@ -109,8 +109,8 @@ def test_a_silent_connection_is_given_up_and_made_again(tmp_path):
 
 
 def test_lines_without_a_header_are_told(tmp_path):
-    status, _ = with_imu(tmp_path, lines(steady, header=""), 0.0, until="no header received")
-    said(status, "no header received")
+    status, _ = with_imu(tmp_path, lines(steady, header=""), 0.0, until="came before a line with the columns")
+    said(status, "came before a line with the columns")
 
 
 def test_columns_can_be_named_by_the_user(tmp_path):

@@ -160,6 +160,18 @@ def test_wrong_input_is_one_line(tmp_path, arguments, message):
     assert "Traceback" not in done.stderr
 
 
+def test_a_device_that_nobody_reaches_is_said_and_does_not_wait_for_ever(tmp_path):
+    began = time.monotonic()
+    done = subprocess.run(
+        [*PROGRAM, "static", "--live", "csv://127.0.0.1:1", "-o", str(tmp_path / "out"), "--seconds", "6"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert time.monotonic() - began < 30.0
+    assert done.returncode == 1
+    assert "No readings come from csv://127.0.0.1:1" in done.stderr
+    assert not (tmp_path / "out" / "recording.mcap").exists()
+
+
 def test_the_page_is_told_what_is_new(tmp_path):
     feed = GuideFeed(tmp_path / "recording.mcap")
     assert feed.news() == feed.so_far() == []

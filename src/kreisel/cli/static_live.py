@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -20,6 +21,12 @@ if TYPE_CHECKING:
 
 _PAUSE = 0.3
 """Seconds between two looks at the readings."""
+
+_SILENT = 5.0
+"""Seconds without a reading after which that is said."""
+
+_SHOWN = 10.0
+"""Seconds of readings from which on they are said to be useless. Chosen: a second more than checks need."""
 
 RECORDING = "recording.mcap"
 """The recording, in the result's folder."""
@@ -61,9 +68,10 @@ def _recorded(of_imu: Address, file: Path, guide: Guide, seconds: float | None) 
     from kreisel.cli.record import interrupted
 
     async def until_stopped() -> Status:
-        stop = interrupted()
-        recording = asyncio.ensure_future(record(of_imu, None, file, seconds=seconds, stop=stop))
-        advising = asyncio.ensure_future(_advise(guide, file, stop))
+        stop, say = interrupted(), _Say(file.parent)
+        silence = _Silence(str(of_imu), say, stop, seconds)
+        recording = asyncio.ensure_future(record(of_imu, None, file, seconds=seconds, stop=stop, show=silence))
+        advising = asyncio.ensure_future(_advise(guide, file, stop, say, silence))
         try:
             return await recording
         finally:
@@ -73,14 +81,14 @@ def _recorded(of_imu: Address, file: Path, guide: Guide, seconds: float | None) 
     return asyncio.run(until_stopped())
 
 
-async def _advise(guide: Guide, file: Path, stop: asyncio.Event) -> None:
+async def _advise(guide: Guide, file: Path, stop: asyncio.Event, say: _Say, silence: _Silence) -> None:
     """Look at the readings so far again and again; set `stop` when it is enough."""
     import asyncio
 
     from kreisel.acquisition.tail import Tail
-    from kreisel.errors import KreiselError
+    from kreisel.errors import KreiselError, RecordingError
 
-    tail, say = Tail(file), _Say(file.parent)
+    tail = Tail(file)
 
     def look() -> Advice | None:
         tail.read()
@@ -88,16 +96,59 @@ async def _advise(guide: Guide, file: Path, stop: asyncio.Event) -> None:
 
     while True:
         await asyncio.sleep(_PAUSE)
+        if silence.lasts:
+            continue
         try:
             advice = await asyncio.to_thread(look)
-        except KreiselError:
-            continue  # too short yet
+        except KreiselError as error:
+            if silence.recorded > _SHOWN:  # before, it is too short yet
+                text = error.message if isinstance(error, RecordingError) else str(error)
+                say.problem(f"These readings cannot be used: {text}")
+            continue
         if advice is None:
             continue
         say(advice)
         if advice.step == "done":
             stop.set()
             return
+
+
+class _Silence:
+    """Says what the recorder says, and when no readings come.
+
+    Parameters
+    ----------
+    seconds
+        After which it sets `stop`, if no reading came at all.
+
+    Attributes
+    ----------
+    lasts, recorded
+        Whether no readings come now; seconds of readings so far.
+    """
+
+    def __init__(self, address: str, say: _Say, stop: asyncio.Event, seconds: float | None) -> None:
+        self.lasts, self.recorded = False, 0.0
+        self._address, self._say, self._stop, self._seconds = address, say, stop, seconds
+        self._noted, self._count, self._note = 0, 0, ""
+        self._began = self._last = time.monotonic()
+
+    def __call__(self, status: Status) -> None:
+        from kreisel.devices.faults import REPEATED
+
+        for note in status.notes[self._noted :]:
+            if not note.endswith(REPEATED):
+                self._note = note
+                typer.echo(note, err=True)
+        self._noted, self.recorded, now = len(status.notes), status.seconds, time.monotonic()
+        if status.imu.count > self._count:
+            self._count, self._last = status.imu.count, now
+        self.lasts = now - self._last > _SILENT
+        if self.lasts:
+            why = f" ({self._note})" if self._note and not self._count else ""
+            self._say.problem(f"No readings come from {self._address}{why}: is it connected, and does it send?")
+        if not self._count and self._seconds is not None and now - self._began > self._seconds:
+            self._stop.set()
 
 
 class _Say:
@@ -110,13 +161,26 @@ class _Say:
         self._last = ""
 
     def __call__(self, advice: Advice) -> None:
-        waiting = self._file.with_suffix(".part")
-        with open_fresh(waiting) as file:
-            file.write(json.dumps(advice.document).encode())
-        waiting.replace(self._file)
+        self._write(advice.document)
         text = f"{len(advice.had):3d} attitudes  {advice.text if advice.step != 'hold' else 'Hold still.'}"
         if advice.note:
             text += f" ({advice.note})"
+        self._print(text)
+
+    def problem(self, text: str) -> None:
+        """Say why there is no advice."""
+        from kreisel.dashboard.guide_feed import problem
+
+        self._write(problem(text))
+        self._print(text)
+
+    def _write(self, document: dict[str, Any]) -> None:
+        waiting = self._file.with_suffix(".part")
+        with open_fresh(waiting) as file:
+            file.write(json.dumps(document).encode())
+        waiting.replace(self._file)
+
+    def _print(self, text: str) -> None:
         if text != self._last:
             self._last = text
             typer.echo(text, err=True)

@@ -11,6 +11,11 @@ ADVICE = "guide.json"
 """The file that the guide writes, beside the recording."""
 
 
+def problem(text: str) -> Message:
+    """Return what the page shows while there is no advice."""
+    return {"kind": "problem", "text": text}
+
+
 class GuideFeed:
     """The last advice about a recording that is being made; path: the file of the recording, or its folder."""
 

@@ -20,6 +20,10 @@ _PAUSE_NS = 1_000_000_000
 """ns in which a kind of fault is reported once. Chosen: a person can read as much; the number is reported, too."""
 
 
+REPEATED = "such messages so far)"
+"""End of the report of a fault that was reported before."""
+
+
 class Silence:
     """Whether a device is heard; it is reported once that it is not, and once that it is again.
 
@@ -76,5 +80,5 @@ class Faults:
         self._seen[kind] = (count + 1, last_ns if quiet else now_ns)
         if quiet:
             return []
-        more = "" if count == 0 else f" ({count + 1} such messages so far)"
+        more = "" if count == 0 else f" ({count + 1} {REPEATED}"
         return [Notice(Level.WARNING, f"{error}{more}", now_ns)]

@@ -1,8 +1,8 @@
 """Readings of an IMU as lines of text, columns separated by commas, over TCP or a serial line.
 
-The user, or a first line that begins with ``#``, names the columns as in the header of `imu0/data.csv`, for example
-``t [ms],w_x [deg/s],w_y,w_z,a_x [g],a_y,a_z``. A unit applies to its column and those after it, until another unit is
-named. Columns with other names are skipped.
+The user, or a first line, with or without ``#`` before it, names the columns as in the header of `imu0/data.csv`, for
+example ``t [ms],w_x [deg/s],w_y,w_z,a_x [g],a_y,a_z``. A unit applies to its column and those after it, until another
+unit is named. Columns with other names are skipped.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ _RATE = {"rad s^-1": 1.0, "rad/s": 1.0, "deg s^-1": DEG, "deg/s": DEG, "dps": DE
 _RATE["mdps"] = 1e-3 * _RATE["dps"]
 _FORCE = {"m s^-2": 1.0, "m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": MG}  # m/s^2
 _UNITS = {"w": _RATE, "a": _FORCE}
+_NAMES = re.compile(r"[A-Za-z]\w*\s*[\[,]")
 _CELL = re.compile(r"\s*([A-Za-z]\w*)\s*(?:\[([^\]]*)\])?\s*")
 
 
@@ -84,11 +85,12 @@ class Decoder:
     Parameters
     ----------
     columns
-        The user's; None to take them from a line that begins with ``#``.
+        The user's; None to take them from the line that names them.
     """
 
     def __init__(self, columns: Columns | None = None) -> None:
         self.columns = columns
+        self._names_error: ProtocolError | None = None
         self._buffer = bytearray()
         self._begun = False
 
@@ -121,9 +123,21 @@ class Decoder:
             return None
         if not text:
             return None
+        if self.columns is None and _NAMES.match(text):  # a header without its sign
+            try:
+                self.columns = Columns.parse(text)
+            except ProtocolError as error:
+                self._names_error = error
+                raise
+            return None
         text = without_checksum(text)
         if self.columns is None:
-            raise ProtocolError(_NAME, "no header received; name the columns, for example '?columns=" + COLUMNS + "'")
+            if self._names_error is not None:
+                raise self._names_error
+            raise ProtocolError(
+                _NAME, f"'{text[:60]}' came before a line with the columns' names; name them, for example "
+                f"'?columns={COLUMNS}'"
+            )  # fmt: skip
         return decode(text, self.columns)
 
 

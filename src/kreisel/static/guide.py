@@ -23,8 +23,12 @@ from kreisel.static.static_result import StaticOutcome, calibrate_static
 HOLD = 3.0
 """Seconds that a standstill is asked to last. Chosen: one is used from 1.2 s on, and hands begin late."""
 
-ENOUGH, FIRST = 18, 9
-"""Attitudes after which an accepted result is enough where no accuracy is asked for, and of the first estimate."""
+ENOUGH, FIRST, TRIED = 18, 9, 6
+"""Attitudes after which an accepted result is enough where no accuracy is asked for, of the first estimate, and from
+which on readings that nothing fits are noticed."""
+
+_FAILURES = 2
+"""Attempts at an estimate that fail one after the other, after which readings are taken to be wrong."""
 
 _APART, _SAME = np.radians(20.0), np.radians(12.0)
 """Angles between attitudes that count as different, and as the same one again."""
@@ -103,8 +107,9 @@ class Guide:
     def __init__(self, targets: Mapping[str, float] | None = None, gravity: float | None = None) -> None:
         self._targets, self._gravity = dict(targets or {}), gravity
         self.outcome: StaticOutcome | None = None
-        self._counted = 0
+        self._counted = self._failed = 0
         self._said = ""
+        self._asked: tuple[int, Array] | None = None
 
     def look(self, recording: Recording) -> Advice:
         """Return what to do now."""
@@ -116,12 +121,14 @@ class Guide:
         except RecordingError:
             return self._first(held, up)
         had = _directions(rests.forces)
-        if rests.count >= FIRST and rests.count > self._counted:
+        if rests.count >= TRIED and rests.count > self._counted:
             self._counted = rests.count
             self._estimate(recording)
+        if self._failed >= _FAILURES:
+            return Advice("turn", f"Stop, for more attitudes do not help: {self._said}", held, up, had)
         if self._reached(rests.count):
-            return Advice("done", "Enough: the calibration is as accurate as asked for.", held, up, had,
-                          known=self._known())  # fmt: skip
+            asked = "it is as accurate as asked for" if self._targets else "these attitudes show every parameter"
+            return Advice("done", f"Enough: {asked}.", held, up, had, known=self._known())
         again = len(had) > 1 and bool((_angles(had[:-1], had[-1]) < _SAME).any())
         if held < HOLD:
             # a standstill that has begun is among those found once it is long enough
@@ -139,10 +146,15 @@ class Guide:
 
     def _estimate(self, recording: Recording) -> None:
         try:
-            self.outcome = calibrate_static(recording, gravity=self._gravity)
-            self._said = "" if self.outcome.calibration.accepted else self.outcome.calibration.verdict.reasons[0]
+            found = calibrate_static(recording, gravity=self._gravity)
         except KreiselError as error:
-            self._said = str(error)
+            self._failed += 1
+            self._said = error.message if isinstance(error, RecordingError) else str(error)
+            return
+        self._failed = 0
+        if self._counted >= FIRST:
+            self.outcome = found
+            self._said = "" if found.calibration.accepted else found.calibration.verdict.reasons[0]
 
     def _reached(self, count: int) -> bool:
         if self.outcome is None or not self.outcome.calibration.accepted:
@@ -176,7 +188,12 @@ class Guide:
         return self._said
 
     def _next(self, had: Array, up: Array) -> Array:
-        """Return the direction that is to be up next, (3,)."""
+        """Return the direction that is to be up next, (3,): the same one until the device has stood still again."""
+        if self._asked is None or self._asked[0] != len(had):
+            self._asked = len(had), self._most_telling(had, up)
+        return self._asked[1]
+
+    def _most_telling(self, had: Array, up: Array) -> Array:
         free = np.array([float(_angles(had, c).min()) > _APART for c in CANDIDATES])
         if not free.any():
             free = _angles(CANDIDATES, up) > _APART

@@ -108,6 +108,33 @@ def test_an_attitude_that_was_had_already_is_said():
     assert session.look().note == "This attitude is one that you have had."
 
 
+def test_what_is_asked_for_stays_while_the_device_turns_to_it():
+    session = Session()
+    for up in CANDIDATES[:10]:
+        session.pieces += [session.device.turn(up), session.device.hold(HOLD + 0.6)]
+    asked = session.look().wanted
+    w, a = session.device.turn(asked)
+    for share in (0.2, 0.5, 0.8):
+        session.pieces.append((w[: int(share * len(w))], a[: int(share * len(w))]))
+        advice = session.look()
+        session.pieces.pop()
+        if advice.wanted is not None:
+            np.testing.assert_array_equal(advice.wanted, asked)
+
+
+def test_rates_in_another_unit_stop_it_after_seven_attitudes():
+    session = Session()
+    texts = []
+    for up in CANDIDATES[:9]:
+        session.pieces += [session.device.turn(up), session.device.hold(HOLD + 0.6)]
+        recording = session.recording()
+        wrong = replace(recording.imu, rates=recording.imu.rates * np.pi / 180.0)
+        texts.append(session.guide.look(replace(recording, imu=wrong)).text)
+    assert texts[4].startswith("Turn it")
+    assert texts[-1].startswith("Stop, for more attitudes do not help")
+    assert "are they in deg/s, and not in rad/s?" in texts[-1] or "deg/s" in texts[-1]
+
+
 def test_directions_are_all_faces_edges_and_corners():
     assert len(CANDIDATES) == 26
     np.testing.assert_allclose(np.linalg.norm(CANDIDATES, axis=1), 1.0)
