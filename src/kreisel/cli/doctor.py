@@ -25,7 +25,9 @@ class _Extra:
 _EXTRAS = {
     "live": _Extra(("serial",), "record, run and apply at serial lines"),
     "ros2": _Extra(("cyclonedds",), "record and virtual-cell at ros2:// addresses"),
-    "serve": _Extra(("starlette", "uvicorn", "websockets"), "station, and --dashboard of record, run and watch"),
+    "serve": _Extra(
+        ("starlette", "uvicorn", "websockets"), "station, and --dashboard of record, run, watch and static"
+    ),
     "study": _Extra(("distributed",), "study, and batch with several --jobs"),
     "inverse": _Extra(("scipy",), "the estimator that predicts readings (--estimator inverse)"),
     "plot": _Extra(("matplotlib",), "figures in Python: kreisel.plot"),

@@ -150,5 +150,6 @@ def say_static(outcome: StaticOutcome, output: Path | None) -> None:
     from kreisel.cli.terminal_tables import print_static
 
     print_static(outcome.calibration, outcome.warnings)
+    typer.echo(f"up at the first standstill: {outcome.up} (an axis that is up reads +9.8 m/s^2)")
     where = f"{output}/calibration.yaml, report.html, covariance.npz"
     typer.echo("nothing written; -o OUT writes the result and a report" if output is None else f"written: {where}")

@@ -72,6 +72,10 @@ _LOST = 2e-3
 """Share of lost samples from which on it is said. Chosen: that of usual scale factors after calibration."""
 
 
+_ALONG = 0.97
+"""Component of a unit vector from which on it is called along an axis: within 14 deg."""
+
+
 @dataclass(frozen=True)
 class StaticOutcome:
     """A calibration from standstills, with its intermediate results.
@@ -95,6 +99,17 @@ class StaticOutcome:
     calibration: Calibration
     warnings: tuple[DataWarning, ...]
     method: str
+
+    @property
+    def up(self) -> str:
+        """What is up at the first standstill, by the accelerometers: an axis with its sign, or a direction."""
+        sensors = self.found.parameters.sensors
+        force = sensors.K_a @ (self.found.problem.rests.forces[0] + sensors.k_a[0])
+        up = force / np.linalg.norm(force)
+        i = int(np.argmax(np.abs(up)))
+        if abs(up[i]) > _ALONG:
+            return f"{'+' if up[i] > 0.0 else '-'}{'xyz'[i]}"
+        return "(" + ", ".join(f"{value:.2f}" for value in up) + ")"
 
 
 def calibrate_static(

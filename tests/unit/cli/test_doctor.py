@@ -30,7 +30,7 @@ def test_missing_extras_are_named_with_what_needs_them(monkeypatch):
     closing = done.stdout[done.stdout.index("calibration works; not installed is what these need:") :]
     assert "study, and batch with several --jobs: pip install 'kreisel[study]'" in closing
     assert "recordings in MATLAB and Parquet files: pip install 'kreisel[tables]'" in closing
-    assert "--dashboard of record, run and watch: pip install 'kreisel[serve]'" in closing
+    assert "--dashboard of record, run, watch and static: pip install 'kreisel[serve]'" in closing
     assert "certificate" not in closing
 
 
