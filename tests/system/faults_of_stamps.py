@@ -82,6 +82,18 @@ def stamp_twice(r):
     return stamp(4000, lambda s: s[3999])(r)
 
 
+@handled("repeated: imu0: 100 of 8101 samples are written twice, the first at", "repeated: pose0: 2 of")
+def rows_written_twice(r):
+    order = np.sort(np.r_[np.arange(8001), np.arange(1000, 1100)])
+    poses = np.sort(np.r_[np.arange(r.reference.stamps_ns.size), 7, 9])
+    return replace(samples(r, order), reference=r.reference.part(poses))
+
+
+@handled("repeated: imu0: 8001 of 16002 samples are written twice")
+def every_row_written_twice(r):
+    return samples(r, np.repeat(np.arange(8001), 2))
+
+
 @handled("order: imu0: 60 of 8001 samples", "in 10 places, the first at line 1002", "order: pose0: 40 of")
 def packets_swapped(r):
     """Packets of three samples, or of two poses, that arrive after the next one."""

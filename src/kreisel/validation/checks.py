@@ -15,6 +15,7 @@ from kreisel.validation.imu_checks import check_imu
 from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
 from kreisel.validation.ordering import in_order
 from kreisel.validation.pose_checks import check_poses, stamped_poses
+from kreisel.validation.repeated_rows import without_repeated
 from kreisel.validation.sampling import regularly_sampled, with_lateness, with_restarts
 from kreisel.validation.stamp_checks import (
     LONG_GAP,
@@ -39,7 +40,7 @@ def check_streams(recording: Recording) -> Recording:
         For the first fault that would make results wrong.
     """
     recording = recording if recording.sha256 else replace(recording, sha256=digest(recording))
-    recording = in_order(without_missing(recording))
+    recording = in_order(without_repeated(without_missing(recording)))
     imu, sampling = regularly_sampled(with_restarts(recording.imu, moved=recording.reference is not None))
     reference, joints = recording.reference, recording.joints
     check_stamps(imu, "IMU")
