@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import axis_columns, frame_columns, repeatability_columns
+from kreisel.calibration.linear_errors import linear_columns
 from kreisel.estimation.uncertainty import Contribution, along, each, scaling
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.fitting.fit import Estimator, Fit
+from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
 from kreisel.model.parameters import DELAYS, SMOOTHINGS, walk_of
 from kreisel.model.problem import Problem, walked_variance
-from kreisel.preparation.build_problem import REACH
 from kreisel.preparation.gravity import ANOMALY_SD
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.estimate import Estimate
@@ -40,17 +39,23 @@ _GRAVITY_SHARE = 0.25
 
 
 def with_unestimated_errors(found: Estimate) -> Estimate:
-    """Return the estimate with contributions of frames, positions and stamps, and the warnings about them."""
+    """Return the estimate with contributions of frames, linear errors and stamps, and the warnings about them."""
     problem, run, noise = found.problem, found.run, found.problem.noise
     layout, K_omega = problem.layout, run.parameters.sensors.K_omega
     out, warnings = [], []
     if max(noise.frame_sd) > 0.0:
         length, angle = frame_deviations(found)
-        of_frames = frame_columns(problem, run.parameters, (length, angle))
-        columns = np.hstack([of_frames, position_scale_column(problem, run, found.estimator, length)])
+        columns = frame_columns(problem, run.parameters, (length, angle))
         out.append(Contribution("the robot's frames and lengths", Source.ROBOT, columns, common=True))
         first = (problem if found.stated is None else found.stated).noise.frame_sd[0]
         warnings.append(_frame_warning(length, angle, shown=abs(length - first) > 0.01 * first))
+    if max(*noise.frame_sd, noise.volume_sd) > 0.0:
+        linear = found.linear or found.estimator.linearise(problem, run)
+        frame_sd = frame_deviations(found) if max(noise.frame_sd) > 0.0 else (0.0, 0.0)
+        effect, mean = linear_columns(problem, linear, frame_sd)
+        source = Source.ROBOT if max(noise.frame_sd) > 0.0 else Source.PATH
+        out.append(Contribution("linear errors of the reference", source, effect, common=True))
+        out.append(Contribution("linear errors of the reference that show", source, mean))
     if len(noise.axes):
         out.append(Contribution("the robot's axes", Source.ROBOT, axis_columns(problem, run.parameters)))
         warnings.append(_axes_warning(problem))
@@ -164,27 +169,6 @@ def frame_deviations(found: Estimate) -> tuple[float, float]:
     for name in ("orientation", "standstill_orientation"):
         angle = float(np.sqrt(max(angle**2, getattr(own, name) ** 2 - getattr(assumed, name) ** 2)))
     return length, angle
-
-
-def position_scale_column(problem: Problem, run: Fit, estimator: Estimator, length: float) -> Array:
-    """Return the effect of an error of the positions' scale on the state, one deviation of it, (degrees, 1).
-
-    length: deviation of the frames' positions, m.
-
-    If all links of the arm are slightly too long, the tool moves too far everywhere. This error does not average out.
-    It enters the accelerometers' scale factors to the extent that motion, and not gravity, determines them.
-    """
-    columns = np.zeros((problem.layout.degrees, 1))
-    reference, scale = problem.reference, length / REACH
-    if scale == 0.0 or reference.positions is None:
-        return columns
-    middle = reference.positions.mean(axis=0)
-    scaled = middle + (1.0 + scale) * (reference.positions - middle)
-    moved = estimator.refit(replace(problem, reference=replace(reference, positions=scaled)), run, gate=np.inf)
-    base = estimator.refit(problem, run, gate=np.inf)
-    n = len(problem.parameter_names)
-    columns[:n, 0] = problem.layout.minus(moved.belief.mean[:, None], base.belief.mean)[:n, 0]
-    return columns
 
 
 def _gravity_warning(problem: Problem, run: Fit) -> list[DataWarning]:

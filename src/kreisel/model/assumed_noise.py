@@ -121,6 +121,8 @@ class AssumedNoise:
         Time constant of the reference's coloured noise, s; 0 where the noise is white.
     frame_sd
         Standard deviations of base and tool frame from the reference's, m and rad, if no other error represents them.
+    volume_sd
+        Relative deviation of the scale of cameras' positions; 0 for an arm.
     axes, axis_sd
         Axes (3, 3; rows, in b) that all rotation is about, one after the other, and how far an arm may turn about
         others, rad; (0, 3) where rotations are about all directions.
@@ -148,6 +150,7 @@ class AssumedNoise:
     misstated: Mapping[str, float] = field(default_factory=dict)
     correlation_time: float = 0.0
     frame_sd: tuple[float, float] = (0.0, 0.0)
+    volume_sd: float = 0.0
     axes: Array = field(default_factory=lambda: np.zeros((0, 3)))
     axis_sd: float = 0.0
     pose_error: PoseError = PoseError()

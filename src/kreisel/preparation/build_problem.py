@@ -58,6 +58,10 @@ _HALF_A_CHAIN = math.sqrt(2.0)
 """Errors of the base frame, and of the tool frame, over those of one placement: as of two that are independent. Chosen;
 see docs/explanation/robot-errors.md."""
 
+_VOLUME_SD = 1e-3
+"""Relative error of the scale of cameras' positions. Chosen: wands are measured, or printed, to some tenths of a
+millimetre of half a metre."""
+
 _FEW_STANDSTILLS = 6
 """Standstills below which they do not show by themselves how large a reference's errors are there. Those of cameras,
 which depend on where the markers are, are then as large as in motion. Chosen: six scatter by a third."""
@@ -234,6 +238,7 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         observed=imu.observed,
         misstated=imu.misstated,
         frame_sd=frame_sd,
+        volume_sd=_volume_sd(preparation),
         pose_error=_pose_error(preparation.reference, frame_sd, assumed=_nothing_stated(preparation)),
         time_base_sd=preparation.time_base_sd,
         axes=turning_axes(preparation.reference) if max(frame_sd) > 0.0 else np.zeros((0, 3)),
@@ -242,6 +247,14 @@ def _assumed_noise(preparation: Preparation) -> AssumedNoise:
         stamps=stamps_of(reference.stamp, preparation.wrong_stamps, preparation.reference.interval),
         persists=preparation.recording.reference_kind == "mocap" and len(preparation.standstills) < _FEW_STANDSTILLS,
     )
+
+
+def _volume_sd(preparation: Preparation) -> float:
+    """Return the relative deviation of the scale of cameras' positions, as stated or as is usual; 0 for an arm."""
+    stated = preparation.recording.settings.reference.scale_sd
+    if preparation.recording.reference_kind != "mocap":
+        return 0.0
+    return _VOLUME_SD if stated is None else stated
 
 
 def _placed(preparation: Preparation) -> dict[str, float]:

@@ -70,6 +70,7 @@ class ReferenceTable(_Table):
     orientation_sd: Radians | None = None
     standstill_position_sd: Metres | None = None
     standstill_orientation_sd: Radians | None = None
+    scale_sd: Annotated[float, _between(0.0, 0.1)] | None = None
 
 
 class RobotTable(_Table):

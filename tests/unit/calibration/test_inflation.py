@@ -11,13 +11,11 @@ from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.inflation import (
     frame_deviations,
-    position_scale_column,
     with_doubtful_latitude,
     with_unestimated_errors,
     with_walked_deviations,
 )
-from kreisel.estimation.uncertainty import scaling
-from kreisel.estimation.uncertainty_budget import Source
+from kreisel.calibration.linear_errors import linear_columns
 from kreisel.kalman.batch import path_near
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import walked_variance, with_readings
@@ -46,13 +44,12 @@ def test_lateness_adds_its_square_to_the_time_offset_and_to_nothing_else():
     np.testing.assert_allclose(added / np.outer(sd, sd), want / np.outer(sd, sd), atol=1e-9)
 
 
-def test_frames_and_scale_add_the_squares_of_their_columns():
+def test_frames_and_linear_errors_add_the_squares_of_their_columns():
     problem = with_noise(small_problem(), frame_sd=(2e-3, 1e-3))
     found = estimate_of(problem, small_run())
     after = with_unestimated_errors(found)
-    columns = np.hstack(
-        [frame_columns(problem, found.run.parameters), position_scale_column(problem, found.run, KalmanFilter(), 2e-3)]
-    )
+    linear = linear_columns(problem, KalmanFilter().linearise(problem, small_run()), (2e-3, 1e-3))
+    columns = np.hstack([frame_columns(problem, found.run.parameters), *linear])
     added = after.belief.covariance - found.run.belief.covariance
     sd = after.deviation
     np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
@@ -115,63 +112,6 @@ def test_a_size_that_is_not_the_stated_one_is_what_poses_show(frame_sd, shown):
     found = estimate_of(with_noise(stated, frame_sd=frame_sd), small_run())
     (warning,) = (w for w in with_unestimated_errors(replace(found, stated=stated)).warnings if w.subject == "robot")
     assert ("as large as the poses show" in warning.message) == shown
-
-
-def test_the_scale_is_found_with_the_deviations_before_they_were_multiplied():
-    """A factor for correlated innovations is no wider prior: the column is that of the filter's own run."""
-    problem = with_noise(small_problem(), frame_sd=(2e-3, 0.0))
-    run = small_run()
-    larger = scaling("correlated innovations", Source.PATH, run.belief.factor, 3.0)
-    wide = estimate_of(problem, run, correlation_factor=3.0, contributions=(larger,))
-    after = with_unestimated_errors(wide)
-    scale = position_scale_column(problem, run, KalmanFilter(), 2e-3)
-    columns = np.hstack([frame_columns(problem, run.parameters), scale])
-    added = after.belief.covariance - wide.belief.covariance
-    sd = after.deviation
-    np.testing.assert_allclose(added / np.outer(sd, sd), columns @ columns.T / np.outer(sd, sd), atol=1e-9)
-
-
-def test_a_scale_of_positions_is_one_of_gravity_accelerometers_and_lever_arms():
-    """Multiply positions, gravity, K_a and the lever arms by one number: readings stay, so nothing else moves.
-
-    That is so where gravity is as good as unknown. Lever arms and K_a have priors of their own, which are wide against
-    what this motion shows; a tenth of the change is left for them.
-    """
-    problem, scale = camera_problem(), 1e-3
-    unknown = {"gravity": np.array([[1.0]])}
-    prior = replace(problem.prior, covariance=problem.prior.covariance | unknown,
-                    start_covariance=problem.prior.start_covariance | unknown)  # fmt: skip
-    problem = replace(problem, prior=prior)
-    run = KalmanFilter().fit(problem)
-    column = position_scale_column(problem, run, KalmanFilter(), scale)[:, 0]
-    layout, p = problem.layout, run.parameters
-    for group, value in (("gravity", [p.gravity]), ("accel_cross_coupling", p.sensors.K_a.ravel()),
-                         ("lever_arms", p.sensors.lever_arms.ravel())):  # fmt: skip
-        want = scale * np.array(value)
-        np.testing.assert_allclose(column[layout[group]], want, atol=0.1 * np.abs(want).max())
-    for group in ("gyro_cross_coupling", "gyro_offset", "time_offset", "alignment"):
-        assert np.abs(column[layout[group]] / run.belief.standard_deviation[layout[group]]).max() < 0.1
-    assert not column[len(problem.parameter_names) :].any()
-
-
-def test_where_gravity_is_known_the_scale_enters_as_far_as_it_comes_from_motion():
-    problem = camera_problem()
-    run, d = KalmanFilter().fit(problem), problem.layout["accel_cross_coupling"]
-    column = position_scale_column(problem, run, KalmanFilter(), 1e-3)[:, 0]
-    trace = column[d].reshape(3, 3).trace() / run.parameters.sensors.K_a.trace()
-    assert 0.0 < trace < 0.3e-3
-    double = position_scale_column(problem, run, KalmanFilter(), 2e-3)[:, 0]
-    np.testing.assert_allclose(double[d], 2.0 * column[d], atol=0.01 * np.abs(column[d]).max())
-
-
-@pytest.mark.parametrize("lacking", ["positions", "length"])
-def test_without_positions_or_their_error_there_is_no_scale(lacking):
-    problem = small_problem()
-    if lacking == "positions":
-        problem = replace(problem, reference=replace(problem.reference, positions=None))
-    column = position_scale_column(problem, small_run(), KalmanFilter(), 0.0 if lacking == "length" else 1e-3)
-    assert column.shape == (problem.layout.degrees, 1)
-    assert not column.any()
 
 
 def limited_by_gravity(share):

@@ -1,0 +1,96 @@
+"""Errors of the reference that are linear in place or attitude, and what they do to the parameters.
+
+A volume of cameras that is measured with a wand is too long by the wand's error, and not by the same along all axes; an
+arm whose gears, zeros or tool err does so by smooth functions of its posture. Over a limited range such an error is
+linear, and looks like another matrix of the sensors: it does not average out, and no residual shows it. What the data
+do not say of it is a part of the deviations.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from kreisel.fitting.fit import Linearised
+from kreisel.fitting.terms import POSE_ROWS, Terms
+from kreisel.geometry.rotation import Array, matrix
+from kreisel.model.problem import Problem
+from kreisel.preparation.build_problem import REACH
+
+_DISTORTION = 0.5
+"""Error of the scale of one axis of cameras, or of a shear, over that of all axes. Chosen: a wand's length is one
+number, and the axes are compared by all its places."""
+
+_SHAPES: tuple[Array, ...] = (
+    np.diag([1.0, -1.0, 0.0]),
+    np.diag([1.0, 1.0, -2.0]) / math.sqrt(3.0),
+    np.eye(3)[[1, 0, 2]] - np.diag([0.0, 0.0, 1.0]),
+    np.eye(3)[[2, 1, 0]] - np.diag([0.0, 1.0, 0.0]),
+    np.eye(3)[[0, 2, 1]] - np.diag([1.0, 0.0, 0.0]),
+)
+"""Distortions without a change of volume: scales of axes against each other, and shears."""
+
+
+def linear_columns(problem: Problem, linear: Linearised, frame_sd: tuple[float, float]) -> tuple[Array, Array]:
+    """Return the effect of such errors on the state: of a deviation of each, (degrees, m), and of their mean, (…, 1).
+
+    Parameters
+    ----------
+    linear
+        The problem linearised about its fit.
+    frame_sd
+        Deviations of an arm's frames, m and rad; zeros for cameras.
+
+    Notes
+    -----
+    Errors with amplitudes of the covariance A before, about which the data have the information I and the score s, have
+    P = (A^-1 + I)^-1 and the mean P s after them. The parameters are not corrected by the mean: it counts as an error.
+    """
+    degrees, (fields, deviations) = problem.layout.degrees, _fields(problem, frame_sd)
+    count, updates = deviations.size, len(fields)
+    if not fields.any():
+        return np.zeros((degrees, count)), np.zeros((degrees, 1))
+    components = np.broadcast_to(np.eye(6), (updates, 6, 6))
+    terms = Terms(
+        np.ones((updates, 1)),
+        np.zeros(count, dtype=np.int64),
+        np.arange(count) + POSE_ROWS.stop,
+        np.concatenate([components, fields * deviations], axis=2),
+    )
+    about = linear.about(terms)
+    values, vectors = np.linalg.eigh(np.eye(count) + 0.5 * (about.information + about.information.T))
+    root = (vectors / np.sqrt(values)) @ vectors.T
+    effect, mean = np.zeros((degrees, count)), np.zeros((degrees, 1))
+    effect[: len(about.change)] = about.change @ root
+    mean[: len(about.change), 0] = about.change @ (root @ (root @ about.score))
+    return effect, mean
+
+
+def _fields(problem: Problem, frame_sd: tuple[float, float]) -> tuple[Array, Array]:
+    """Return what unit errors do to the poses at the updates, (u, 6, m), and their deviations (m,).
+
+    Their number depends on the kind of the reference alone. An arm's error of rotation is a sum of the entries of its
+    attitude.
+    """
+    poses = np.array([update.pose for update in problem.schedule.updates])
+    reference, (length, angle) = problem.reference, frame_sd
+    scale = problem.noise.volume_sd
+    deviations = scale * np.array([1.0, *[_DISTORTION] * len(_SHAPES)])
+    if max(frame_sd) > 0.0:
+        scale = math.hypot(length / REACH, angle)
+        deviations = np.append(np.full(1 + len(_SHAPES), scale), np.full(27, angle / math.sqrt(3.0)))
+    fields = np.zeros((poses.size, 6, deviations.size))
+    if reference.positions is not None:
+        p = reference.positions[poses] - reference.positions.mean(axis=0)
+        if "position_scale" not in problem.layout:
+            fields[:, :3, 0] = p
+        for k, shape in enumerate(_SHAPES, start=1):
+            fields[:, :3, k] = p @ shape
+    if reference.quaternions is not None and deviations.size > 1 + len(_SHAPES):
+        C = matrix(reference.quaternions[poses]).reshape(-1, 9)
+        C = C - C.mean(axis=0)
+        for axis in range(3):
+            first = 1 + len(_SHAPES) + 9 * axis
+            fields[:, 3 + axis, first : first + 9] = C
+    return fields, deviations
