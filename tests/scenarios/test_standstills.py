@@ -154,6 +154,14 @@ def test_samples_that_are_missing_with_their_stamps_widen_nothing():
     assert [one.subject for one in found.warnings].count("gaps") == 1
 
 
+def test_an_axis_that_never_changes_is_the_reason():
+    _, recording = hand_turned(HandTurns(attitudes=16), np.random.default_rng(8))
+    recording.imu.rates[:, 2] = 0.01
+    verdict = calibrate_static(check_streams(recording)).calibration.verdict
+    assert not verdict.accepted
+    assert verdict.reasons == ("gyroscope: the readings of z never change: it is not connected, or broken",)
+
+
 @pytest.mark.slow
 def test_without_gyros_the_accelerometers_are_calibrated():
     truth, recording = hand_turned(HandTurns(attitudes=24), np.random.default_rng(8))

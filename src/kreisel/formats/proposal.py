@@ -98,7 +98,7 @@ def unknown_columns(
         text = _with_entries(proposal(path, progress), given)
     except RecordingError as error:
         return UnknownColumnsError(
-            f"the columns are not assigned, and the data suggest no mapping ({error.message}); write [columns] "
+            f"the columns are not assigned, and the data suggest no mapping ({_of_line(error)}); write [columns] "
             "into recording.toml, or give --map",
             "",
             file=path,
@@ -107,11 +107,16 @@ def unknown_columns(
     place = (path if path.is_dir() else path.parent) / "recording.toml"
     choose = "choose among its lines, and " if _CHOOSE in text or _NO_TIME in text else ""
     return UnknownColumnsError(
-        f"no mapping says which columns of {names} hold time, readings and poses; {choose}write the mapping above into "
+        f"no mapping says which columns of {names} hold what; {choose}write the mapping above into "
         f"{place}, if it is right, or give all of it by --map",
         text,
         file=path,
     )
+
+
+def _of_line(error: RecordingError) -> str:
+    """Return what an error says, with its line."""
+    return error.message if error.line is None else f"line {error.line}: {error.message}"
 
 
 def _with_entries(text: str, given: ColumnsTable | None) -> str:

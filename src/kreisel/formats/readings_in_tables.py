@@ -169,7 +169,10 @@ def _no_gravity(sheets: Sequence[Sheet], named: Sequence[Group], groups: Sequenc
     usual = float(np.nanmedian(np.linalg.norm(numbers(sheet, group.places), axis=1)))
     found = [one for one in groups if one not in named and len(one.places) == 3
              and one.quantity not in ("position", "angle") and gravity_units(sheets, one, _UNNAMED)]  # fmt: skip
-    others = ": are they raw counts, or was gravity removed?"
+    others = (
+        ": was gravity removed? Raw counts are named by --map 'imu.acceleration=… [counts]' and 'imu.rate=… [counts]', "
+        "for `kreisel static`"
+    )
     if found:
         names = ", ".join(called(sheets[found[0].sheet], k) for k in found[0].places)
         others = f", but that of {names} is: are the names exchanged?"

@@ -473,8 +473,16 @@ def _columns(body: Sequence[str], head: _Head, path: Path) -> Iterator[NDArray[A
                 line=head.first + k + 1,
             )
         if len(cells) != head.count:
+            few, many = sorted((len(cells), head.count))
+            halved = head.delimiter == "," and many == 2 * few - 1  # all but the first, a number of nanoseconds
             raise RecordingError(
-                f"{len(cells)} cells, expected {head.count}; repair or delete the row",
+                f"{len(cells)} cells, expected {head.count}; "
+                + (
+                    "are decimals divided by commas, as columns are? Write numbers with points, or columns with "
+                    "semicolons between"
+                    if halved
+                    else "repair or delete the row"
+                ),
                 file=path,
                 line=head.first + k + 1,
             )

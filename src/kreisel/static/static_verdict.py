@@ -45,12 +45,7 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
     for sensor in SENSORS:
         lost = [name for name, narrowed in weak if name.startswith(sensor) and not narrowed]
         if lost:
-            few = found.problem.rests.count < _FEW
-            hidden[sensor] = (
-                f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''};"
-                " lay the device on each of its faces and on edges, and turn it about all axes"
-                f"{f', more often: {found.problem.rests.count} standstills are few' if few else ''}"
-            )
+            hidden[sensor] = _not_observable(found, sensor, lost)
             reasons[sensor].append(hidden[sensor])
             continue  # what is implausible beside that is a consequence
         reasons[sensor] += _device(found, sensor) + _left_out(found, sensor)
@@ -61,9 +56,11 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
                     f"both halves of the recording differ by {max(far)[0]:.1f} deviations in {max(far)[1]}: something "
                     "changed that is not modelled"
                 )
+    count = found.problem.rests.count
     if found.noise.force > MAX_FORCE:
         reasons["accelerometer"].append(
-            f"forces at standstills err by {found.noise.force:.2g} m/s^2: the device was not at rest; lay it down"
+            f"forces at standstills err by {found.noise.force:.2g} m/s^2: the device was not at rest"
+            + (f", or {count} standstills are too few: more are needed" if count < _FEW else "; lay it down")
         )
     asked = SENSORS if only is None else (only,)
     states = {
@@ -73,6 +70,20 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
     against = [r for s in asked for r in reasons[s]]
     unasked = [r for s in SENSORS if s not in asked for r in reasons[s]]
     return Verdict(not against, tuple(against), tuple(n for n, _ in weak), sensors=states, unasked=tuple(unasked))
+
+
+def _not_observable(found: StaticEstimate, sensor: str, lost: list[str]) -> str:
+    """Return why parameters of a sensor are not observable."""
+    imu, count = found.problem.imu, found.problem.rests.count
+    values = imu.rates if sensor == "gyroscope" else imu.accelerations
+    dead = [axis for axis, one in zip("xyz", np.ptp(values, axis=0) == 0.0, strict=True) if one]
+    if dead:
+        return f"{sensor}: the readings of {', '.join(dead)} never change: it is not connected, or broken"
+    return (
+        f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}; "
+        "lay the device on each of its faces and on edges, and turn it about all axes"
+        f"{f', more often: {count} standstills are few' if count < _FEW else ''}"
+    )
 
 
 def _weakness(name: str, deviation: float) -> bool | None:
