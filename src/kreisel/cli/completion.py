@@ -45,7 +45,7 @@ FIELDS = (
     "reference", "traceability", "procedure", "remarks",
 )  # fmt: skip
 COLUMNS = {
-    "imu": ("file", "time", "rate", "acceleration", "temperature"),
+    "imu": ("file", "time", "rate", "acceleration", "acceleration_file", "acceleration_time", "temperature"),
     "reference": ("file", "time", "position", "orientation"),
     "joints": ("file", "time", "angles"),
 }

@@ -37,6 +37,9 @@ _GERMAN_DATE = re.compile(r"\b(\d\d)\.(\d\d)\.(\d{4})\b")
 _HELD = 0.3
 """Share of rows in a common table that repeat the pose of the row before, above which poses are rarer than rows."""
 
+_FEWEST, _APART = 10, 5.0
+"""Least accelerations in a file of their own, and intervals between two of them over which nothing is interpolated."""
+
 
 @dataclass(frozen=True)
 class _Tables:
@@ -145,11 +148,19 @@ def _imu(tables: _Tables, columns: ColumnsTable, name: str, warnings: list[DataW
             raise RecordingError(f"columns.{name}.{key} is missing; name the columns of the IMU", file=tables.folder)
     sheet = tables.of(own.file, name)
     rate, acceleration = parse_terms(str(own.rate), "rate"), parse_terms(str(own.acceleration), "acceleration")
-    sheet.check_lengths(term.name for term in (*rate, *acceleration, *parse_time(str(own.time)).terms))
+    together = rate if own.acceleration_file else (*rate, *acceleration)
+    sheet.check_lengths(term.name for term in (*together, *parse_time(str(own.time)).terms))
     rates, rate_unit = _vectors(sheet, rate, "rate", 3)
-    forces, force_unit = _vectors(sheet, acceleration, "acceleration", 3)
     stamps, known, time_unit = stamps_of(sheet, parse_time(str(own.time)))
-    keep = _own_rows(sheet, np.hstack([rates, forces]), (*rate, *acceleration), str(own.time), columns)
+    if own.acceleration_file:
+        beside = tables.of(own.acceleration_file, name)
+        forces, force_unit = _interpolated(beside, acceleration, own.acceleration_time or str(own.time), stamps)
+        keep = _own_rows(sheet, rates, rate, str(own.time), columns) & np.isfinite(forces).all(axis=1)
+        text = f"accelerations of {own.acceleration_file} were interpolated to the stamps of the rates"
+        warnings.append(DataWarning(sheet.source.name, text))
+    else:
+        forces, force_unit = _vectors(sheet, acceleration, "acceleration", 3)
+        keep = _own_rows(sheet, np.hstack([rates, forces]), together, str(own.time), columns)
     temperature = None
     if own.temperature is not None:
         values, unit = _vectors(sheet, parse_terms(own.temperature, "temperature"), "temperature", 1)
@@ -165,6 +176,24 @@ def _imu(tables: _Tables, columns: ColumnsTable, name: str, warnings: list[DataW
         temperature=temperature,
         rows=np.flatnonzero(keep),
     )
+
+
+def _interpolated(sheet: Sheet, terms: tuple[Term, ...], time: str, at: Stamps) -> tuple[Array, str | None]:
+    """Return accelerations of another table at stamps (n,), with their unit; no numbers where that has none near."""
+    values, unit = _vectors(sheet, terms, "acceleration", 3)
+    stamps, known, _ = stamps_of(sheet, parse_time(time))
+    good = np.flatnonzero(known & np.isfinite(values).all(axis=1))
+    _, first = np.unique(stamps[good], return_index=True)
+    good = good[first]
+    if good.size < _FEWEST:
+        raise RecordingError(f"holds {good.size} accelerations, expected {_FEWEST} or more", file=sheet.source)
+    seconds, wanted = (stamps[good] - at[0]) * 1e-9, (at - at[0]) * 1e-9
+    steps = np.diff(seconds)
+    place = np.clip(np.searchsorted(seconds, wanted) - 1, 0, steps.size - 1)
+    far = (wanted < seconds[0]) | (wanted > seconds[-1]) | (steps[place] > _APART * np.median(steps))
+    out = np.column_stack([np.interp(wanted, seconds, axis) for axis in values[good].T])
+    out[far] = np.nan
+    return out, unit
 
 
 def _reference(tables: _Tables, columns: ColumnsTable, warnings: list[DataWarning]) -> ReferencePoses | None:

@@ -19,6 +19,7 @@ from kreisel.formats.column_names import Group, known_unit, read_name
 from kreisel.formats.mapped import settings_beside, tables_in
 from kreisel.formats.motion_check import NO_FIT, Fit, by_gravity, compare, thinned_imu, thinned_poses
 from kreisel.formats.readings_in_tables import Attitude, Device, text_of
+from kreisel.formats.separate_files import mapping_of_separate_files
 from kreisel.formats.sheet import Sheet, read_sheet
 from kreisel.formats.time_columns import (
     SLOWEST_IMU,
@@ -159,6 +160,9 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
     groups = tables.all_groups(sheets)
     devices = tables.devices(sheets, groups)
     if not devices:
+        separate = mapping_of_separate_files(sheets)
+        if separate is not None:
+            return "\n".join(separate)
         raise RecordingError(
             "no three columns are accelerations by name or by the length of gravity, with rates beside", file=path
         )

@@ -113,12 +113,17 @@ class CertificateTable(_Table):
 
 
 class ImuColumns(_Table):
-    """Where the IMU's readings stand in a table of another shape; see `formats.mapping`."""
+    """Where the IMU's readings stand in a table of another shape; see `formats.mapping`.
+
+    Accelerations may stand in a file of their own, with their own times.
+    """
 
     file: str | None = None
     time: str | None = None
     rate: str | None = None
     acceleration: str | None = None
+    acceleration_file: str | None = None
+    acceleration_time: str | None = None
     temperature: str | None = None
 
 
