@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.calibration.frame_errors import axis_columns, frame_columns, repeatability_columns
-from kreisel.calibration.linear_errors import linear_columns
+from kreisel.calibration.linear_errors import LINEAR_ERRORS, linear_columns
 from kreisel.estimation.uncertainty import Contribution, along, each, scaling
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit
@@ -46,7 +46,7 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
     if max(noise.frame_sd) > 0.0:
         length, angle = frame_deviations(found)
         columns = frame_columns(problem, run.parameters, (length, angle))
-        out.append(Contribution("the robot's frames and lengths", Source.ROBOT, columns, common=True))
+        out.append(Contribution("the robot's frames", Source.ROBOT, columns, common=True))
         first = (problem if found.stated is None else found.stated).noise.frame_sd[0]
         warnings.append(_frame_warning(length, angle, shown=abs(length - first) > 0.01 * first))
     if max(*noise.frame_sd, noise.volume_sd) > 0.0:
@@ -54,8 +54,8 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         frame_sd = frame_deviations(found) if max(noise.frame_sd) > 0.0 else (0.0, 0.0)
         effect, mean = linear_columns(problem, linear, frame_sd)
         source = Source.ROBOT if max(noise.frame_sd) > 0.0 else Source.PATH
-        out.append(Contribution("linear errors of the reference", source, effect, common=True))
-        out.append(Contribution("linear errors of the reference that show", source, mean))
+        out.append(Contribution(LINEAR_ERRORS, source, effect, common=True))
+        out.append(Contribution(f"{LINEAR_ERRORS} that show", source, mean))
     if len(noise.axes):
         out.append(Contribution("the robot's axes", Source.ROBOT, axis_columns(problem, run.parameters)))
         warnings.append(_axes_warning(problem))

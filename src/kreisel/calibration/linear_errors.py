@@ -18,6 +18,9 @@ from kreisel.geometry.rotation import Array, matrix
 from kreisel.model.problem import Problem
 from kreisel.preparation.build_problem import REACH
 
+LINEAR_ERRORS = "linear errors of the reference"
+"""Name of what they contribute to the uncertainty."""
+
 _DISTORTION = 0.5
 """Error of the scale of one axis of cameras, or of a shear, over that of all axes. Chosen: a wand's length is one
 number, and the axes are compared by all its places."""

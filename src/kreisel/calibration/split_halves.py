@@ -9,6 +9,7 @@ import numpy as np
 from kreisel.calibration.disagreement import disagreement
 from kreisel.calibration.evidence import Disagreement, SplitHalves
 from kreisel.calibration.frame_errors import frame_columns, repeatability_columns
+from kreisel.calibration.linear_errors import LINEAR_ERRORS
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.stored_state import first_belief
@@ -84,7 +85,8 @@ def split_halves(
     )  # half the standstills each
     plain = np.sqrt(variance)
     # each half errs in its own way: both together as twice their mean
-    unlisted = (one.variance[:n] for one in found.contributions if one.source is Source.MISFIT)
+    own = (one for one in found.contributions if one.source is Source.MISFIT or one.cause == LINEAR_ERRORS)
+    unlisted = (one.variance[:n] for one in own)
     variance += 4.0 * sum(unlisted, np.zeros(n))
     lasting = problem.lasting
     names = tuple(problem.parameter_names[i] for i in lasting)

@@ -263,7 +263,7 @@ def _contributions(found: StaticEstimate, walked: Array, lost: float, chosen: Ch
         Contribution("undecided error terms", Source.EFFECTS, found.undecided),
         Contribution("lost samples", Source.CLOCKS, along(walked.size, d, lost * scale)),
         Contribution("whose seconds are true", Source.CLOCKS, along(walked.size, d, chosen.time_base_sd * scale)),
-        Contribution("the robot's frames and lengths", Source.ROBOT, _turned(found, chosen)),
+        Contribution("the robot's frames", Source.ROBOT, _turned(found, chosen)),
     ]
 
 
