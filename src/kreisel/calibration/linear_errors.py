@@ -47,8 +47,8 @@ def linear_columns(problem: Problem, linear: Linearised, frame_sd: tuple[float, 
 
     Notes
     -----
-    Errors with amplitudes of the covariance A before, about which the data have the information I and the score s, have
-    P = (A^-1 + I)^-1 and the mean P s after them. The parameters are not corrected by the mean: it counts as an error.
+    By equation (40) of docs/explanation/model.md. The parameters are not corrected by the mean P s of the errors after the
+    data: it counts as an error.
     """
     degrees, (fields, deviations) = problem.layout.degrees, _fields(problem, frame_sd)
     count, updates = deviations.size, len(fields)
