@@ -47,7 +47,7 @@ def linear_columns(problem: Problem, linear: Linearised, frame_sd: tuple[float, 
 
     Notes
     -----
-    By equation (40) of docs/explanation/model.md. The parameters are not corrected by the mean P s of the errors after the
+    By equation (40) of docs/explanation/model.md. The parameters are not corrected by the mean of the errors after the
     data: it counts as an error.
     """
     degrees, (fields, deviations) = problem.layout.degrees, _fields(problem, frame_sd)
