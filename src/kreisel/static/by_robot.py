@@ -5,12 +5,13 @@ After Fox and Janocha (2004). What it needs of the reference is its orientations
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, Indices, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, Indices, conjugate, exp, log, matrix, multiply
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import ROBOT_GROUPS, RobotParameters
 from kreisel.preparation.build_problem import frame_sd_of
@@ -67,10 +68,11 @@ def calibrate_by_robot(
             f"{rests.count} standstills with poses, expected {MIN_ATTITUDES} or more: let the robot stop for two "
             "seconds or more in a dozen attitudes, or leave out --method", file=recording.path,
         )  # fmt: skip
-    effect, width = _robot(prepared, which)
+    angle = frame_sd_of(prepared)[1]
+    effect, width = _robot(prepared, which) if prepared.robot is not None else _linear(q, angle)
     known = PoseAttitudes(np.arange(rests.count), q, start.q_rn, effect, width)
     problem = RestProblem(imu, raw_of(imu), rests, prepared.site, known=(known,), own_frame=False)
-    start, angle = problem.room(start), frame_sd_of(prepared)[1]
+    start = problem.room(start)
     said = (*prepared.warnings, *([DataWarning("robot", _NO_ARM)] if angle else []))
     chosen = Chosen(METHOD, problem, start, known.attitudes(start), said, prepared.time_base_sd, angle)
     return concluded(recording, chosen, settings.only, progress, began)
@@ -107,11 +109,24 @@ def _mean(reference: ReferencePoses, own: slice) -> tuple[Array, float]:
 def _robot(prepared: Preparation, which: Indices) -> tuple[Array, Array]:
     """Return the effect of the robot's errors on attitudes at poses, (M, 3, e), in deviations of each (e,)."""
     robot = prepared.robot
-    if robot is None:
-        return np.zeros((which.size, 3, 0)), np.zeros(0)
+    assert robot is not None  # noqa: S101 - the caller has checked it
     errors = RobotParameters.none(robot.joints)
     at = np.concatenate([np.arange(errors.vector.size)[errors.part(g)] for g in ROBOT_GROUPS if g in robot.covariance])
     variance = np.concatenate([np.diag(robot.covariance[g]) for g in ROBOT_GROUPS if g in robot.covariance])
     effect = robot.regressor(which, errors.zeros)[:, 3:, at] * np.sqrt(variance)
     seen = np.abs(effect).max(axis=(0, 1)) > _NOTHING
     return effect[:, :, seen], np.ones(np.count_nonzero(seen))
+
+
+def _linear(q: Array, angle: float) -> tuple[Array, Array]:
+    """Return the effect of errors that are linear in the attitude q (M, 4), as of `_robot`; none without an arm's.
+
+    They are as large as in `calibration.linear_errors`: over a limited range they look like other matrices.
+    """
+    if not angle:
+        return np.zeros((len(q), 3, 0)), np.zeros(0)
+    C = matrix(q).reshape(-1, 9)
+    effect = np.zeros((len(q), 3, 27))
+    for axis in range(3):
+        effect[:, axis, 9 * axis : 9 * axis + 9] = angle / math.sqrt(3.0) * (C - C.mean(axis=0))
+    return effect, np.ones(27)

@@ -17,6 +17,10 @@ from kreisel.static.rest_chain import ATTITUDE
 from kreisel.validation.checks import check_streams
 
 
+LINEAR = 27
+"""Sums of the entries of the attitude in three components."""
+
+
 def cell(**reference):
     content = {"seed": 8, "seconds": 100.0, "reference": reference, "imu": {"grade": "fog-mems"}}
     truth, recording = simulate(Cell.model_validate(content), Path("cell"))
@@ -56,11 +60,11 @@ def test_errors_of_the_arm_are_estimated_where_joints_are_recorded(calibrated):
     assert isinstance(known, PoseAttitudes)
     names = outcome.found.problem.names
     warned = any(warning.subject == "robot" for warning in outcome.warnings)
-    assert warned != bool(known.width.size)  # deviations contain the tool's attitude, and that is said
-    assert any(name.startswith("robot.error") for name in names) == bool(known.width.size)
+    assert warned == (known.width.size == LINEAR)  # deviations contain the tool's attitude, and that is said
+    assert any(name.startswith("robot.error") for name in names)
     assert outcome.calibration.names == names[: outcome.found.problem.reported]
     # what the arm errs by counts as noise of each pose, or as errors of the arm and less noise
-    assert (outcome.found.noise.known[0] < 2.5e-4) == bool(known.width.size)
+    assert (outcome.found.noise.known[0] < 2.5e-4) != warned
 
 
 def test_derivatives_are_those_of_differences(calibrated):
