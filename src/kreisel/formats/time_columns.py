@@ -26,6 +26,9 @@ _ALIKE = 0.6
 """Points by which one time must be better than another to be preferred."""
 
 _OF_THE_PC = re.compile(r"host|arriv|recei|recv|(^|_)(pc|sys|system|log|logged|wall|ros)(_|$)")
+_COUNTERS = {"sampletimefine": 10_000}
+"""Hz; rates of counters with names of their own: that of Xsens (MT Low-Level Communication Protocol)."""
+
 _DATE = re.compile(r"\d{4}[-/]\d\d?[-/]\d\d?|\d\d?\.\d\d?\.\d{4}")
 _TIME_OF_DAY = re.compile(r"\d?\d:\d\d(:\d\d([.,]\d+)?)?")
 
@@ -80,6 +83,10 @@ def _candidates(sheet: Sheet, places: tuple[int, ...], owner: tuple[str, ...], s
             continue
         if name.quantity == "" and (steps[steps > 0.0] == 1.0).all() and np.mean(steps == 1.0) > 0.9:
             continue  # a count of rows
+        counter = _COUNTERS.get(re.sub(r"[^a-z0-9]+", "", sheet.names[k].lower()))
+        if counter is not None:
+            yield from _read(f"{called(sheet, k)} [{counter} Hz]", points + 2.5, steps, 1e9 / counter, slowest, (k,))
+            continue
         stated = known_unit(sheet.units[k] or name.unit, "time")
         for unit in UNITS["time"] if stated is None else (stated,):
             text = called(sheet, k) if known_unit(sheet.units[k], "time") == sheet.units[k] == stated and stated else (

@@ -72,3 +72,15 @@ def test_gravity_must_be_there(tmp_path, files, words):
     write(tmp_path, **files)
     with pytest.raises(RecordingError, match=words):
         load(tmp_path)
+
+
+def test_the_counter_of_xsens_is_known_by_its_name(tmp_path):
+    """SampleTimeFine counts ten thousand a second; taken for milliseconds, all turns would be ten times too large."""
+    t = np.arange(0.0, 20.0, 1.0 / RATE)
+    w, a = motion(t)
+    rows = np.column_stack([np.arange(t.size), np.round(1e4 * t), a, w])
+    names = ["PacketCounter", "SampleTimeFine", *(f"Acc_{axis}" for axis in "XYZ"), *(f"Gyr_{axis}" for axis in "XYZ")]
+    lines = ["\t".join(names), *("\t".join(f"{value:.9g}" for value in row) for row in rows)]
+    (tmp_path / "MT.txt").write_text("\n".join(lines) + "\n")
+    assert 'time = "SampleTimeFine [10000 Hz]"' in proposed(tmp_path)
+    assert load(tmp_path).imu.interval == pytest.approx(1.0 / RATE)

@@ -16,7 +16,6 @@ from kreisel.static.pose_attitudes import PoseAttitudes
 from kreisel.static.rest_chain import ATTITUDE
 from kreisel.validation.checks import check_streams
 
-
 LINEAR = 27
 """Sums of the entries of the attitude in three components."""
 
