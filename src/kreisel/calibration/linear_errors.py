@@ -15,8 +15,8 @@ import numpy as np
 from kreisel.fitting.fit import Linearised
 from kreisel.fitting.terms import POSE_ROWS, Terms
 from kreisel.geometry.rotation import Array, matrix
+from kreisel.model.assumed_noise import REACH
 from kreisel.model.problem import Problem
-from kreisel.preparation.build_problem import REACH
 
 LINEAR_ERRORS = "linear errors of the reference"
 """Name of what they contribute to the uncertainty."""

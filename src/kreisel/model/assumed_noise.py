@@ -13,6 +13,9 @@ from kreisel.geometry.rotation import Array, Indices, Mask
 COLOURED_SHARE = 0.9
 """Share of the variance of the reference's noise on the path that is coloured, if that raises the likelihood."""
 
+REACH = 1.0
+"""m; length over which angle errors of a robot act on positions, and its length errors on their scale."""
+
 
 @dataclass(frozen=True)
 class ReferenceNoise:

@@ -12,7 +12,7 @@ from kreisel.estimation.state import StateLayout
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
 from kreisel.inertial.effects import OF_TEMPERATURE
 from kreisel.inertial.noise_figures import GAUSS_MARKOV_TIME
-from kreisel.model.assumed_noise import AssumedNoise, GaussMarkov, PoseError, stamps_of
+from kreisel.model.assumed_noise import REACH, AssumedNoise, GaussMarkov, PoseError, stamps_of
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY
 from kreisel.model.parameters import GROUPS, PASSING_GROUPS, ROBOT_GROUPS, CellParameters
@@ -43,9 +43,6 @@ second; errors of motion capture are nearly independent from frame to frame, and
 _FEW_UPDATES = 100
 """Updates below which they are nearer to each other, as near as poses are. Chosen: in a run of twelve seconds an update
 every half a second leaves 23 for some 40 unknowns, and neither noise nor effects are found from so few."""
-
-REACH = 1.0
-"""m; length over which angle errors of a robot act on positions, and its length errors on their scale."""
 
 _SENSOR = "imu0"
 """Name of the only sensor of a recording."""
