@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_sections import Measured
 
 SECTIONS = ("gyroscope", "accelerometer", "timing")
@@ -62,6 +63,21 @@ class ByMethod:
     reasons: tuple[str, ...] = ()
     drift: tuple[float, float] | None = None
     error: str | None = None
+
+    @classmethod
+    def of(cls, name: str, seconds: float, found: Calibration, drift: tuple[float, float] | None = None) -> ByMethod:
+        """Return what a calibration of kreisel's found."""
+        document = found.document
+        return cls(
+            name,
+            seconds,
+            parameters_in(document),
+            parameters_in(document["standard_deviation"]),
+            found.derived,
+            found.accepted,
+            tuple(found.verdict.reasons),
+            drift,
+        )
 
     @property
     def result(self) -> str:

@@ -43,17 +43,17 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
     problem, run, noise = found.problem, found.run, found.problem.noise
     layout, K_omega = problem.layout, run.parameters.sensors.K_omega
     out, warnings = [], []
-    if max(noise.frame_sd) > 0.0:
-        length, angle = frame_deviations(found)
-        columns = frame_columns(problem, run.parameters, (length, angle))
+    of_arm = max(noise.frame_sd) > 0.0
+    frame_sd = length, angle = frame_deviations(found) if of_arm else (0.0, 0.0)
+    if of_arm:
+        columns = frame_columns(problem, run.parameters, frame_sd)
         out.append(Contribution("the robot's frames", Source.ROBOT, columns, common=True))
         first = (problem if found.stated is None else found.stated).noise.frame_sd[0]
         warnings.append(_frame_warning(length, angle, shown=abs(length - first) > 0.01 * first))
-    if max(*noise.frame_sd, noise.volume_sd) > 0.0:
+    if of_arm or noise.volume_sd > 0.0:
         linear = found.linear or found.estimator.linearise(problem, run)
-        frame_sd = frame_deviations(found) if max(noise.frame_sd) > 0.0 else (0.0, 0.0)
         effect, mean = linear_columns(problem, linear, frame_sd)
-        source = Source.ROBOT if max(noise.frame_sd) > 0.0 else Source.PATH
+        source = Source.ROBOT if of_arm else Source.PATH
         out.append(Contribution(LINEAR_ERRORS, source, effect, common=True))
         out.append(Contribution(f"{LINEAR_ERRORS} that show", source, mean))
     if len(noise.axes):

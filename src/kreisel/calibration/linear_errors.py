@@ -25,6 +25,9 @@ _DISTORTION = 0.5
 """Error of the scale of one axis of cameras, or of a shear, over that of all axes. Chosen: a wand's length is one
 number, and the axes are compared by all its places."""
 
+_OF_ENTRY = 3.0**-0.5
+"""Deviation of the amplitude of an entry over that of a rotation: the squares of all nine entries add up to three."""
+
 _SHAPES: tuple[Array, ...] = (
     np.diag([1.0, -1.0, 0.0]),
     np.diag([1.0, 1.0, -2.0]) / math.sqrt(3.0),
@@ -82,7 +85,7 @@ def _fields(problem: Problem, frame_sd: tuple[float, float]) -> tuple[Array, Arr
     deviations = scale * np.array([1.0, *[_DISTORTION] * len(_SHAPES)])
     if max(frame_sd) > 0.0:
         scale = math.hypot(length / REACH, angle)
-        deviations = np.append(np.full(1 + len(_SHAPES), scale), np.full(27, angle / math.sqrt(3.0)))
+        deviations = np.append(np.full(1 + len(_SHAPES), scale), np.full(27, angle * _OF_ENTRY))
     fields = np.zeros((poses.size, 6, deviations.size))
     if reference.positions is not None:
         p = reference.positions[poses] - reference.positions.mean(axis=0)
@@ -91,9 +94,19 @@ def _fields(problem: Problem, frame_sd: tuple[float, float]) -> tuple[Array, Arr
         for k, shape in enumerate(_SHAPES, start=1):
             fields[:, :3, k] = p @ shape
     if reference.quaternions is not None and deviations.size > 1 + len(_SHAPES):
-        C = matrix(reference.quaternions[poses]).reshape(-1, 9)
-        C = C - C.mean(axis=0)
-        for axis in range(3):
-            first = 1 + len(_SHAPES) + 9 * axis
-            fields[:, 3 + axis, first : first + 9] = C
+        fields[:, 3:, 1 + len(_SHAPES) :] = _by_attitude(reference.quaternions[poses])
     return fields, deviations
+
+
+def rotations_by_attitude(q: Array, angle: float) -> Array:
+    """Return rotations (n, 3, 27) that are linear in the attitudes q (n, 4), one deviation each, of an angle in all."""
+    return angle * _OF_ENTRY * _by_attitude(q)
+
+
+def _by_attitude(q: Array) -> Array:
+    """Return the entries of attitudes, from their mean, in each component of a rotation, (n, 3, 27)."""
+    C = matrix(q).reshape(-1, 9)
+    out = np.zeros((len(q), 3, 27))
+    for axis in range(3):
+        out[:, axis, 9 * axis : 9 * axis + 9] = C - C.mean(axis=0)
+    return out

@@ -72,18 +72,8 @@ def _calibrated(recording: Recording, name: str, progress: Progress | None, exec
         outcome = run_calibration(recording, settings, progress, executor=executor, validate=True)
     except KreiselError as error:
         return ByMethod(name, time.perf_counter() - began, error=str(error))
-    seconds, found = time.perf_counter() - began, outcome.calibration
-    document = found.document
-    return ByMethod(
-        name,
-        seconds,
-        parameters_in(document),
-        parameters_in(document["standard_deviation"]),
-        found.derived,
-        found.accepted,
-        tuple(found.verdict.reasons),
-        None if outcome.cross is None else _rms(outcome.cross.calibrated),
-    )
+    drift = None if outcome.cross is None else _rms(outcome.cross.calibrated)
+    return ByMethod.of(name, time.perf_counter() - began, outcome.calibration, drift)
 
 
 def _own(recording: Recording, own: Estimator, executor: Executor) -> ByMethod:

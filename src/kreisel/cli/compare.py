@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,11 +77,12 @@ def _compared(path: Path, methods: str | None, show: Progress | None) -> Compari
     from kreisel.cli.threads import in_threads
     from kreisel.errors import SettingsError, unknown_name
     from kreisel.formats.loading import load
-    from kreisel.static.static_comparison import STATIC_ESTIMATORS, compare_static
 
     read = load(path, executor=in_threads)
     if read.reference is not None:
         return compare_methods(read, _chosen(methods or "spkf,ekf,batch"), show, in_threads, _truth(path))
+    from kreisel.static.static_comparison import STATIC_ESTIMATORS, compare_static
+
     names = STATIC_ESTIMATORS if methods is None else tuple(_names(methods))
     for name in names:
         if name not in STATIC_ESTIMATORS:
@@ -99,6 +101,7 @@ def _names(methods: str) -> list[str]:
     return names
 
 
+@cache
 def _chosen(methods: str) -> list[str | Estimator]:
     """Return the names of kreisel's estimators, and own ones."""
     from kreisel.calibration.own_code import load_estimator

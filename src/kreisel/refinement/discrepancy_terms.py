@@ -355,7 +355,8 @@ class DiscrepancyTerms:
     def _of_kind(self, amplitudes: Array, first: int) -> float:
         """Return the rms of all errors of the reference's positions (first: 0) or orientations (3), m or rad."""
         own = [i for i, family in enumerate(self._families) if family.rows[0] == POSE_ROWS.start + first]
-        return float(np.sqrt(sum(self.size(amplitudes, i) ** 2 for i in own)))
+        found = [i for i in own if amplitudes[self.family == i].any()]
+        return float(np.sqrt(sum(self.size(amplitudes, i) ** 2 for i in found)))
 
     def _size(self, i: int) -> int:
         """Return the number of a family's terms."""

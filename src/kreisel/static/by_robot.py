@@ -5,15 +5,16 @@ After Fox and Janocha (2004). What it needs of the reference is its orientations
 
 from __future__ import annotations
 
-import math
 import time
 
 import numpy as np
 
+from kreisel.calibration.linear_errors import rotations_by_attitude
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, Indices, conjugate, exp, log, matrix, multiply
+from kreisel.geometry.rotation import Array, Indices, conjugate, exp, log, multiply
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import ROBOT_GROUPS, RobotParameters
+from kreisel.model.robot_model import RobotModel
 from kreisel.preparation.build_problem import frame_sd_of
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.prepare import prepare_recording
@@ -69,7 +70,8 @@ def calibrate_by_robot(
             "seconds or more in a dozen attitudes, or leave out --method", file=recording.path,
         )  # fmt: skip
     angle = frame_sd_of(prepared)[1]
-    effect, width = _robot(prepared, which) if prepared.robot is not None else _linear(q, angle)
+    robot = prepared.robot
+    effect, width = _linear(q, angle) if robot is None else _robot(robot, which)
     known = PoseAttitudes(np.arange(rests.count), q, start.q_rn, effect, width)
     problem = RestProblem(imu, raw_of(imu), rests, prepared.site, known=(known,), own_frame=False)
     start = problem.room(start)
@@ -106,10 +108,8 @@ def _mean(reference: ReferencePoses, own: slice) -> tuple[Array, float]:
     return multiply(q[0], exp(away.mean(axis=0))), change
 
 
-def _robot(prepared: Preparation, which: Indices) -> tuple[Array, Array]:
+def _robot(robot: RobotModel, which: Indices) -> tuple[Array, Array]:
     """Return the effect of the robot's errors on attitudes at poses, (M, 3, e), in deviations of each (e,)."""
-    robot = prepared.robot
-    assert robot is not None  # noqa: S101 - the caller has checked it
     errors = RobotParameters.none(robot.joints)
     at = np.concatenate([np.arange(errors.vector.size)[errors.part(g)] for g in ROBOT_GROUPS if g in robot.covariance])
     variance = np.concatenate([np.diag(robot.covariance[g]) for g in ROBOT_GROUPS if g in robot.covariance])
@@ -119,14 +119,6 @@ def _robot(prepared: Preparation, which: Indices) -> tuple[Array, Array]:
 
 
 def _linear(q: Array, angle: float) -> tuple[Array, Array]:
-    """Return the effect of errors that are linear in the attitude q (M, 4), as of `_robot`; none without an arm's.
-
-    They are as large as in `calibration.linear_errors`: over a limited range they look like other matrices.
-    """
-    if not angle:
-        return np.zeros((len(q), 3, 0)), np.zeros(0)
-    C = matrix(q).reshape(-1, 9)
-    effect = np.zeros((len(q), 3, 27))
-    for axis in range(3):
-        effect[:, axis, 9 * axis : 9 * axis + 9] = angle / math.sqrt(3.0) * (C - C.mean(axis=0))
-    return effect, np.ones(27)
+    """Return the effect of errors that are linear in the attitude q (M, 4), as of `_robot`; none without an arm's."""
+    effect = rotations_by_attitude(q, angle) if angle else np.zeros((len(q), 3, 0))
+    return effect, np.ones(effect.shape[2])

@@ -39,16 +39,7 @@ def _found(recording: Recording, name: str, progress: Progress | None) -> ByMeth
         found = calibrate_static(recording, constant_offsets=name == "constant-offsets", progress=progress).calibration
     except KreiselError as error:
         return ByMethod(name, time.perf_counter() - began, error=str(error))
-    document = found.document
-    return ByMethod(
-        name,
-        time.perf_counter() - began,
-        parameters_in(document),
-        parameters_in(document["standard_deviation"]),
-        found.derived,
-        found.accepted,
-        tuple(found.verdict.reasons),
-    )
+    return ByMethod.of(name, time.perf_counter() - began, found)
 
 
 def _published(recording: Recording, began: float) -> ByMethod:
