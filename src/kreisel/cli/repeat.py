@@ -93,7 +93,7 @@ def _calibration(path: Path, fixed: dict[str, Any]) -> Calibration:
 
     with progress_bar() as show:
         read = load(path, executor=in_threads)
-        outcome = run_calibration(read, CalibrationSettings(fixed=fixed), show, executor=in_threads)
+        outcome = run_calibration(read, CalibrationSettings(fixed=fixed), show, executor=in_threads, budget=True)
     return outcome.calibration
 
 

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kreisel.calibration.linear_errors import LINEAR_ERRORS
 from kreisel.calibration.repeatability import repeatability
 from kreisel.calibration.result_sections import Measured
 from kreisel.errors import SettingsError
+from kreisel.estimation.uncertainty_budget import Budget, Source
 
 from ...small_problem import calibrated
 
@@ -22,7 +24,7 @@ def runs(rng, count, factor=1.0):
             for name, m in one.derived.items()
         }
         arms = one.sensors.lever_arms + factor * one.sensor_sd.lever_arms * rng.normal(size=(3, 3))
-        out.append(replace(one, derived=derived, sensors=replace(one.sensors, lever_arms=arms)))
+        out.append(replace(one, derived=derived, sensors=replace(one.sensors, lever_arms=arms), budget=None))
     return out
 
 
@@ -67,3 +69,21 @@ def test_what_was_held_does_not_count():
 def test_one_run_cannot_be_compared():
     with pytest.raises(SettingsError, match="two or more"):
         repeatability(runs(np.random.default_rng(8), 1))
+
+
+@pytest.mark.parametrize("source", [Source.PRIOR, Source.ROBOT, Source.SENSOR])
+def test_runs_do_not_reduce_what_they_have_in_common(source):
+    one = calibrated().calibration
+    budget = Budget.of(one.names, {"all of it": source}, np.diag(one.covariance)[:, None])
+    for found in repeatability([replace(one, budget=budget)] * 4):
+        reduced = 2.0 if source is Source.SENSOR else 1.0
+        np.testing.assert_allclose(found.mean_sd * reduced, found.deviations[0], rtol=1e-6)
+
+
+def test_half_of_the_variance_in_common_leaves_five_eighths_in_the_mean_of_four():
+    one = calibrated().calibration
+    half = 0.5 * np.diag(one.covariance)[:, None]
+    causes = {LINEAR_ERRORS: Source.PATH, "noise": Source.PATH}
+    budget = Budget.of(one.names, causes, np.hstack([half, half]))
+    for found in repeatability([replace(one, budget=budget)] * 4):
+        np.testing.assert_allclose(found.mean_sd**2, 0.625 * found.deviations[0] ** 2, rtol=1e-6)
