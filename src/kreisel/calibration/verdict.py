@@ -59,7 +59,7 @@ MAX_OFFSET_SCORE = 100.0
 """Stated deviations beyond which offsets are no longer those of a device of the stated grade."""
 
 MAX_POSITION_SCALE = 2.5e-3
-"""Relative; a larger error of the positions' scale is no longer that of a robot or of cameras."""
+"""Relative; an error of the positions' scale that is larger by two deviations is no longer that of a robot or of cameras."""
 
 _LARGEST = {
     **dict.fromkeys(DELAYS, 50e-3),
@@ -276,7 +276,7 @@ def _expansions(estimate: Estimate) -> list[Reason]:
     """Return the reasons about effects that are too large: for their model, or to be what they seem."""
     scale = next((e for e in estimate.considered if e.included and e.group == "position_scale"), None)
     found = []
-    if scale is not None and abs(float(scale.value[0])) > MAX_POSITION_SCALE:
+    if scale is not None and abs(float(scale.value[0])) > MAX_POSITION_SCALE + 2.0 * float(scale.deviation[0]):
         text = (
             f"{describe(scale)}: more than a reference errs. The positions' unit, or what is stated about gravity "
             "(site.gravity, site.latitude_deg, site.height_m), is wrong: the accelerometers' scale depends on which"

@@ -23,7 +23,7 @@ def compare(
         None,
         help="Estimators, with commas between: those of `kreisel calibrate --estimator`, and own ones as FILE.py:NAME; "
         "by default spkf,ekf,batch. Without poses static, constant-offsets, tedaldi: by default all.",
-        autocompletion=completion.several_of(completion.ESTIMATORS),
+        autocompletion=completion.several_of(completion.COMPARED),
     ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for comparison.html and comparison.json."),
     json: bool = typer.Option(False, "--json", help="Print the comparison as one JSON object."),

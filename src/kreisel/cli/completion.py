@@ -24,6 +24,11 @@ ESTIMATORS = {
     "inverse": "predicts readings from a smooth motion",
     "batch": "least squares of everything",
 }
+COMPARED = ESTIMATORS | {
+    "static": "standstills, of a recording without poses",
+    "constant-offsets": "standstills, with offsets that do not change",
+    "tedaldi": "standstills, by the published method",
+}
 TARGETS = ("kalibr", "openvins", "ros", "px4", "ardupilot", "imu_tk", "c", "rust", "matlab", "json", "urdf", "ros-tf")
 SOURCES = ("kalibr", "openvins", "px4")
 AXES = {

@@ -26,6 +26,7 @@ from kreisel.model.stated_parameters import place_of
 from kreisel.recording.recording_settings import ColumnsTable
 from kreisel.robot.arm_library import LIBRARY
 from kreisel.robot.kinematics import MODELS
+from kreisel.static.static_comparison import STATIC_ESTIMATORS
 from kreisel.static.static_methods import METHODS
 from kreisel.study import method_rows
 from kreisel.study.situations import situations
@@ -61,6 +62,7 @@ def completed(*words: str) -> list[str]:
         (("certificate", "r", "--field"), [f"{name}=" for name in FIELDS]),
         (("batch", "r", "--limits"), GRADES),
         (("history", "r", "--limits"), GRADES),
+        (("compare", "r", "--methods"), (*settings.ESTIMATORS, *STATIC_ESTIMATORS)),
         (("static", "r", "--method"), METHODS),
         (("static", "r", "--only"), settings.SENSORS),
         (("static", "--live"), [f"{name}://" for name in IMUS]),

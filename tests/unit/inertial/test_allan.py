@@ -57,6 +57,13 @@ def test_warming_up_is_far_more_than_wandering():
     assert warms_up(warm).tolist() == [True, False, False]
 
 
+def test_random_walks_hardly_ever_seem_to_warm_up():
+    rng = np.random.default_rng(6)
+    seem = [warms_up(rng.normal(size=(1000, 3)).cumsum(axis=0)) for _ in range(1000)]
+    assert 0.002 < np.mean(seem) < 0.009  # 0.5 % of drawn ones
+    assert warms_up(np.linspace(0.0, 1.0, 1000)[:, None] * np.ones(3)).all()
+
+
 def test_motion_is_told_from_noise():
     resting = noise(np.random.default_rng(5), 10_000, 100.0, 1e-3, 0.0, 0.0)
     assert moved(resting, 0.01)[0] < 10.0
