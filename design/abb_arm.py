@@ -1,7 +1,8 @@
 """Table of docs/explanation/abb-arm.md: what recordings of one arm say of its joints and of the sensor.
 
 Run: python design/abb_arm.py RECORDING... -o docs/data/abb-arm.csv. The recordings are those of Rasteiro and others
-(2015), brought into the layout of recording folders. Each is calibrated as it is, and with robot.model = "none".
+(2015), brought into the layout of recording folders. Each is calibrated as it is, with robot.model = "none", and
+with the seconds of the robot stated to be the true ones (imu.time_base = "reference").
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ HEADER = (
     "run", "verdict", "misfit without (mrad)", "misfit with (mrad)",
     *(f"{name} (mrad)" for joint in ("joints 2 and 3", "joint 4", "joint 5") for name in (joint, f"sd {joint}")),
     *(f"{name} (per mille)" for axis in "xyz" for name in (f"scale {axis}", f"sd scale {axis}")),
+    *(f"{name} (per mille)" for axis in "xyz" for name in (f"scale {axis} by robot", f"sd scale {axis} by robot")),
+    "clocks (per mille)",
 )  # fmt: skip
 
 
@@ -51,15 +54,18 @@ def row_of(path: Path) -> list[str]:
     except KreiselError as error:
         return [name, f"refused: {str(error).split(': ')[1]}", *[""] * (len(HEADER) - 2)]
     verdict = "accepted" if found.verdict.accepted else f"rejected: {found.verdict.reasons[0].split(':')[0]}"
-    misfit = [f"{_misfit(one):.1f}" for one in (without_arm(recording), found)]
-    return [name, verdict, *misfit, *_zeros(found), *_scales(found)]
+    without = with_stated(recording, "robot", model="none")
+    by_robot = with_stated(recording, "imu", time_base="reference")
+    misfit = [f"{_misfit(one):.1f}" for one in (without, found)]
+    clocks = f"{1e3 * found.calibration.timing.skew:.2f}"
+    return [name, verdict, *misfit, *_zeros(found), *_scales(found), *_scales(by_robot), clocks]
 
 
-def without_arm(recording: Recording) -> Outcome:
-    """Return the calibration of a recording by which no arm is looked for."""
-    robot = recording.settings.robot.model_copy(update={"model": "none"})
-    settings = recording.settings.model_copy(update={"robot": robot})
-    return run_calibration(replace(recording, settings=settings), CalibrationSettings())
+def with_stated(recording: Recording, table: str, **stated: str) -> Outcome:
+    """Return the calibration of a recording with more keys of a table of recording.toml stated."""
+    settings = recording.settings
+    changed = settings.model_copy(update={table: getattr(settings, table).model_copy(update=stated)})
+    return run_calibration(replace(recording, settings=changed), CalibrationSettings())
 
 
 def _misfit(outcome: Outcome) -> float:

@@ -59,7 +59,7 @@ MAX_OFFSET_SCORE = 100.0
 """Stated deviations beyond which offsets are no longer those of a device of the stated grade."""
 
 MAX_POSITION_SCALE = 2.5e-3
-"""Relative; an error of the positions' scale that is larger by two deviations is no longer that of a robot or of cameras."""
+"""Relative; a larger error of the scale of positions, by two deviations, is no longer that of a robot or of cameras."""
 
 _LARGEST = {
     **dict.fromkeys(DELAYS, 50e-3),

@@ -1,4 +1,4 @@
-"""Stages that repair the clocks: lost samples, a jump, the time base. Each takes a comparison and returns one."""
+"""Stages that repair the clocks: losses, a slew, a jump, the time base. Each takes a comparison and returns one."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from kreisel.preparation.time_base import on_reference_clock
 from kreisel.recording.recording import ImuSamples, ReferencePoses
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.clock_jump import ClockJump, find_clock_jump
+from kreisel.synchronization.clock_slew import ClockSlew, find_clock_slew
 from kreisel.synchronization.lost_samples import find_lost_samples
 
 _ROUNDS_OF_LOSSES = 3
@@ -65,6 +66,31 @@ def without_losses(before: Comparison) -> Comparison | None:
     )
 
 
+def without_slew(before: Comparison) -> Comparison | None:
+    """Return the comparison without a slew of a clock; None if there is none.
+
+    Whose clock it was is seen by the rates: they are wrong while it was slewed if it was the IMU's.
+    """
+    slew = None if before.reference.quaternions is None else find_clock_slew(before.fit)
+    if slew is None:
+        return None
+    found = []
+    for whose, without in (("reference", _in_reference), ("IMU", _in_imu)):
+        own = slew.refined(without(before, slew).fit)
+        found.append(without(before, own).with_warning(own.warning(whose)))
+    return min(found, key=lambda one: one.fit.residual_sd)
+
+
+def _in_reference(before: Comparison, slew: ClockSlew) -> Comparison:
+    joints, first = before.recording.joints, int(before.reference.stamps_ns[0])
+    moved = None if joints is None else slew.taken_out_of_joints(joints, first)
+    return before.of(replace(before.recording, joints=moved), slew.taken_out(before.reference))
+
+
+def _in_imu(before: Comparison, slew: ClockSlew) -> Comparison:
+    return before.of(replace(before.recording, imu=slew.taken_out_of_imu(before.recording.imu, before.fit.clock)))
+
+
 def without_jump(before: Comparison) -> Comparison:
     """Return the comparison without a jump of the clocks; the same one if there is none."""
     found, jump = before, None
@@ -85,8 +111,10 @@ def in_stated_seconds(before: Comparison) -> Comparison:
 
 def repaired(comparison: Comparison) -> Comparison:
     """Return the comparison after all stages. Where samples were lost, a jump of the clocks is not looked for."""
-    complete = without_losses(comparison)
-    return in_stated_seconds(without_jump(comparison) if complete is None else complete)
+    complete, slewed = without_losses(comparison), without_slew(comparison)
+    if complete is None:
+        return in_stated_seconds(without_jump(comparison if slewed is None else slewed))
+    return in_stated_seconds(min(filter(None, (complete, slewed)), key=lambda one: one.fit.residual_sd))
 
 
 def _taken_out(found: Comparison, jump: ClockJump) -> Comparison:

@@ -16,7 +16,7 @@ from kreisel.synchronization.rate_fit import turn_errors
 MIN = 4e-3
 """s; smaller jumps are found by the filter, as a clock that walks."""
 
-_MIN_PARTS, _BETTER = 3, 0.15
+_MIN_PARTS, BETTER = 3, 0.15
 """Parts of the recording on either side of a jump, and share of the sum of squares that it leaves at most."""
 
 _BESIDE = 0.5
@@ -85,15 +85,13 @@ def find_clock_jump(readings: Readings, reference: ReferencePoses, fit: RateFit)
     The shifts of a dozen parts of the recording are fitted by a straight line and a step. The moment of the step is
     that at which the rotations change from one clock to the other.
     """
-    tau, shift, sd = fit.clock_drift.T
-    known = np.isfinite(shift) & np.isfinite(sd)
-    tau, shift, sd = tau[known], shift[known], np.maximum(sd[known], 1e-5)
-    if reference.quaternions is None or tau.size < 2 * _MIN_PARTS:
+    tau, shift, sd = drift_of(fit)
+    step = with_best_step(tau, shift, sd)
+    if reference.quaternions is None or step is None:
         return None
-    even, _, _ = _fitted(np.column_stack([np.ones(tau.size), tau]), shift, sd)
-    best = min(range(_MIN_PARTS, tau.size - _MIN_PARTS + 1), key=lambda k: _with_step(tau, shift, sd, k)[0])
-    left, x, deviation = _with_step(tau, shift, sd, best)
-    if left > _BETTER * even or abs(x[2]) < MIN or abs(x[2]) < 10.0 * deviation[2]:
+    even, *_ = fitted(np.column_stack([np.ones(tau.size), tau]), shift, sd)
+    best, x, deviation = step.before, step.coefficients, step.deviations
+    if step.left > BETTER * even or abs(x[2]) < MIN or abs(x[2]) < 10.0 * deviation[2]:
         return None
     before = Clock(fit.clock.start + x[0], fit.clock.skew + x[1])
     after = replace(before, start=before.start + x[2])
@@ -107,14 +105,49 @@ def find_clock_jump(readings: Readings, reference: ReferencePoses, fit: RateFit)
     return ClockJump(at, float(x[2]) / (1.0 + before.skew), float(deviation[2]))
 
 
+def drift_of(fit: RateFit) -> tuple[Array, Array, Array]:
+    """Return the middles of parts of a recording, and their shifts with deviations, of those that have one, s."""
+    tau, shift, sd = fit.clock_drift.T
+    known = np.isfinite(shift) & np.isfinite(sd)
+    return tau[known], shift[known], np.maximum(sd[known], 1e-5)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A line with a step, fitted to shifts of parts.
+
+    Attributes
+    ----------
+    before
+        The step is before this part.
+    left
+        Mean square of what is left.
+    coefficients, deviations : (3,)
+        Of the line and the step.
+    """
+
+    before: int
+    left: float
+    coefficients: Array
+    deviations: Array
+
+
+def with_best_step(tau: Array, shift: Array, sd: Array) -> Step | None:
+    """Return the line with a step that leaves least; None for too few parts."""
+    if tau.size < 2 * _MIN_PARTS:
+        return None
+    steps = (Step(k, *_with_step(tau, shift, sd, k)) for k in range(_MIN_PARTS, tau.size - _MIN_PARTS + 1))
+    return min(steps, key=lambda one: one.left)
+
+
 def _with_step(tau: Array, shift: Array, sd: Array, k: int) -> tuple[float, Array, Array]:
     """Return the fit of a line with a step before part k, which itself may be a mixture and does not count."""
     columns = np.column_stack([np.ones(tau.size), tau, (np.arange(tau.size) >= k).astype(float)])
     counts = np.arange(tau.size) != k - 1
-    return _fitted(columns[counts], shift[counts], sd[counts])
+    return fitted(columns[counts], shift[counts], sd[counts])
 
 
-def _fitted(columns: Array, shift: Array, sd: Array) -> tuple[float, Array, Array]:
+def fitted(columns: Array, shift: Array, sd: Array) -> tuple[float, Array, Array]:
     """Return the mean square of what is left, the coefficients and their standard deviations."""
     A, y = columns / sd[:, None], shift / sd
     x, *_ = np.linalg.lstsq(A, y, rcond=None)

@@ -51,6 +51,10 @@ _GAP = 0.3
 """s without poses or samples, and several intervals, over which a norm is not known. Chosen: five windows of the
 average, 0.06 s; between poses that are farther apart a part of a move is missing."""
 
+_BURST = 0.3
+"""Of the usual span of a window: poses that follow each other faster have waited, and are stamped late. Chosen: jitter
+of stamps shortens a window of several poses by less."""
+
 
 @dataclass(frozen=True)
 class _Norm:
@@ -190,7 +194,8 @@ def _turning(reference: ReferencePoses, window: float) -> tuple[Array, Array]:
     assert q is not None  # noqa: S101 - for the type checker; the caller checked
     stride = max(1, round(window / reference.interval))
     span = tau[stride:] - tau[:-stride]
-    near = span < max(3.0 * stride * reference.interval, _GAP)
+    usual = stride * reference.interval
+    near = (span < max(3.0 * usual, _GAP)) & (span > _BURST * usual)
     return (0.5 * (tau[stride:] + tau[:-stride]))[near], (angles_over(q, stride) / span)[near]
 
 
@@ -199,12 +204,13 @@ def _accelerating(reference: ReferencePoses, window: float) -> tuple[Array, Arra
     p, tau = reference.positions, reference.seconds
     assert p is not None  # noqa: S101 - a reference has one of the two
     stride = max(1, round(2.0 * window / reference.interval))
-    after = (p[2 * stride :] - p[stride:-stride]) / (tau[2 * stride :] - tau[stride:-stride])[:, None]
-    before = (p[stride:-stride] - p[: -2 * stride]) / (tau[stride:-stride] - tau[: -2 * stride])[:, None]
-    accel = 2.0 * (after - before) / (tau[2 * stride :] - tau[: -2 * stride])[:, None]
+    span = tau[stride:] - tau[:-stride]
+    speed = (p[stride:] - p[:-stride]) / span[:, None]
+    accel = 2.0 * (speed[stride:] - speed[:-stride]) / (span[stride:] + span[:-stride])[:, None]
     # up is assumed along the reference's z; a tilt changes little in a norm dominated by gravity
     moved = np.abs(np.linalg.norm(accel + np.array([0.0, 0.0, 9.8]), axis=1) - 9.8)
-    return tau[stride:-stride], moved
+    apart = np.minimum(span[stride:], span[:-stride]) > _BURST * stride * reference.interval
+    return tau[stride:-stride][apart], moved[apart]
 
 
 def quietest_second(imu: ImuSamples) -> slice:

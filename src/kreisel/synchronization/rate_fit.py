@@ -184,25 +184,18 @@ def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit
     rotations = _long(tau, q)
     parts = [_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]]))]
     solution, *_ = _linear_fit(parts, rotations, clock)
-    fit = _settle(parts, rotations, solution[:3].T.copy(), solution[3], clock, skewed=True)
-    # A ratio that cannot be distinguished from one is dropped, unless it could shift the ends by a millisecond.
-    uncertainty = max(4.0 * fit.clock.skew_sd, 1e-6)
-    if abs(fit.clock.skew) < uncertainty and fit.clock.skew_sd * float(np.ptp(tau)) < 1e-3:
-        clock = replace(fit.clock, start=fit.clock.start + fit.clock.skew * float(np.mean(tau)), skew=0.0)
-        fit = _settle(parts, rotations, fit.K_omega, fit.rate_at_zero, clock, skewed=False)
+    fit = _settle(parts, rotations, solution[:3].T.copy(), solution[3], clock)
     everything = parts if len(parts) == readings.count else (_Integrated.of(part) for part in readings.chunks())
     seen = _compare(everything, rotations, fit.K_omega, fit.rate_at_zero, fit.clock)
     return replace(fit, clock_drift=_clock_drift(seen))
 
 
-def _settle(
-    parts: Sequence[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock, *, skewed: bool
-) -> RateFit:
+def _settle(parts: Sequence[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock) -> RateFit:
     """Refine until the steps are below `SETTLED`."""
-    fit = _refine(parts, rotations, K, b, clock, skewed=skewed)
+    fit = _refine(parts, rotations, K, b, clock)
     for _ in range(ROUNDS - 1):
         before = fit
-        fit = _refine(parts, rotations, fit.K_omega, fit.rate_at_zero, fit.clock, skewed=skewed)
+        fit = _refine(parts, rotations, fit.K_omega, fit.rate_at_zero, fit.clock)
         if _moved(before, fit) < SETTLED:
             break
     return fit
@@ -258,22 +251,19 @@ def _compare_in(part: _Integrated, rotations: _Rotations, K: Array, b: Array, cl
     return Comparison(turned, t[:, 1] - t[:, 0], middle, within.rotation, residual, slope)
 
 
-def _refine(
-    parts: Sequence[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock, *, skewed: bool
-) -> RateFit:
+def _refine(parts: Sequence[_Integrated], rotations: _Rotations, K: Array, b: Array, clock: Clock) -> RateFit:
     """One Gauss-Newton step on the exact rotation residuals, robustly weighted."""
     seen = _compare(parts, rotations, K, b, clock)
     residual, slope = seen.residual, seen.slope
     weight = _weights(residual)
     pivot = float(seen.tau.mean())
-    columns = 12 + (2 if skewed else 1)
+    columns = 14
     A = np.zeros((residual.shape[0], 3, columns))
     for i in range(3):
         A[:, i, 3 * i : 3 * i + 3] = seen.turned
         A[:, i, 9 + i] = seen.duration
         A[:, i, 12] = slope[:, i]
-        if skewed:
-            A[:, i, 13] = slope[:, i] * (seen.tau - pivot)
+        A[:, i, 13] = slope[:, i] * (seen.tau - pivot)
     root = np.sqrt(weight)[:, None]
     stacked = (A * root[..., None]).reshape(-1, columns)
     target = (residual * root).reshape(-1)
@@ -286,19 +276,19 @@ def _refine(
     covariance = 8.0 * variance * np.linalg.inv(normal)
     K_new = K + solution[:9].reshape(3, 3)
     b_new = b + solution[9:12]
-    skew_step = float(solution[13]) if skewed else 0.0
+    skew_step = float(solution[13])
     clock = Clock(
         start=clock.start + float(solution[12]) - skew_step * pivot,
         skew=clock.skew + skew_step,
-        start_sd=float(np.sqrt(covariance[12, 12] + (pivot**2 * covariance[13, 13] if skewed else 0.0))),
-        skew_sd=float(np.sqrt(covariance[13, 13])) if skewed else 0.0,
+        start_sd=float(np.sqrt(covariance[12, 12] + pivot**2 * covariance[13, 13])),
+        skew_sd=float(np.sqrt(covariance[13, 13])),
     )
     total = float(np.sum(weight[:, None] * (seen.rotation - seen.rotation.mean(axis=0)) ** 2))
     return RateFit(
         K_omega=K_new,
         k_w0=np.linalg.lstsq(K_new, b_new, rcond=None)[0],  # an axis that never turned leaves K singular
         clock=clock,
-        skewed=skewed,
+        skewed=True,
         explained=1.0 - float(left @ left) / max(total, 1e-30),
         residual_sd=float(np.sqrt(variance)),
         K_omega_sd=np.sqrt(np.diag(covariance)[:9]).reshape(3, 3),

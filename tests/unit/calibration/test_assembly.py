@@ -149,7 +149,7 @@ def test_the_time_offset_relates_the_stamps_themselves():
     t_imu = recording.imu.stamps_ns[0] * 1e-9 + p.start + (1.0 + p.skew) * tau
     assert t_ref + timing.offset + timing.skew * tau == pytest.approx(t_imu, abs=1e-9)
     assert timing.offset_sd == run.belief.standard_deviation[problem.layout["time_offset"]][0]
-    assert timing.skew_sd is None  # not estimated here
+    assert timing.skew_sd == run.belief.standard_deviation[problem.layout["time_skew"]][0]
 
 
 def test_the_result_ends_with_the_last_row_of_the_estimates(plain):

@@ -26,7 +26,7 @@ from ...small_problem import camera_problem, estimate_of, small_problem, small_r
 
 def without(problem):
     moving = replace(problem, schedule=replace(problem.schedule, standstills=()))
-    return with_noise(moving, frame_sd=(0.0, 0.0), lateness=0.0)
+    return with_noise(moving, frame_sd=(0.0, 0.0), lateness=0.0, time_base_sd=0.0)
 
 
 def test_without_such_errors_the_belief_stays_as_it_is():
@@ -45,7 +45,7 @@ def test_lateness_adds_its_square_to_the_time_offset_and_to_nothing_else():
 
 
 def test_frames_and_linear_errors_add_the_squares_of_their_columns():
-    problem = with_noise(small_problem(), frame_sd=(2e-3, 1e-3))
+    problem = with_noise(small_problem(), frame_sd=(2e-3, 1e-3), time_base_sd=0.0)
     found = estimate_of(problem, small_run())
     after = with_unestimated_errors(found)
     linear = linear_columns(problem, KalmanFilter().linearise(problem, small_run()), (2e-3, 1e-3))

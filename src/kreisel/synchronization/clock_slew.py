@@ -1,0 +1,119 @@
+"""A clock that was slewed: for some time it ran faster or slower, until it showed what it was to show.
+
+Services that set a clock avoid steps; the usual one changes its rate by 500 ppm until the error is gone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, ReferencePoses, Stamps
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.clock_jump import BETTER, MIN, drift_of, fitted, with_best_step
+from kreisel.synchronization.fits import RateFit
+
+_CLEARER = 0.5
+"""Share of what a step leaves that a slew leaves at most. Chosen: it has two moments to choose, and a step one."""
+
+_SHORTEST = 1.0
+"""Parts of the recording; a shorter slew is a step. Chosen: their shifts do not show its ends apart."""
+
+_GRID, _SAMPLES = (2.0, 8.0, 32.0), 8
+"""Steps of the moments searched in a part of the recording, one search after another, and samples of its mean."""
+
+
+@dataclass(frozen=True)
+class ClockSlew:
+    """Reference seconds of its begin and end, by how much the offset grew in between (s), and the deviation of that."""
+
+    begin: float
+    end: float
+    size: float
+    size_sd: float
+
+    def refined(self, fit: RateFit) -> ClockSlew:
+        """Return the slew with what is left of it, by the fit after it was taken out."""
+        tau, shift, sd = drift_of(fit)
+        _, x, deviation = _with_ramp(tau, shift, sd, float(np.median(np.diff(tau))), (self.begin, self.end))
+        return replace(self, size=self.size + float(x[2]), size_sd=float(deviation[2]))
+
+    def taken_out(self, reference: ReferencePoses) -> ReferencePoses:
+        """Return the poses with stamps by a clock that was not slewed."""
+        return replace(reference, stamps_ns=self._moved(reference.stamps_ns, int(reference.stamps_ns[0])))
+
+    def taken_out_of_joints(self, joints: JointAngles, first_ns: int) -> JointAngles:
+        """Return the joint angles, which have the clock of the poses; `first_ns` is the stamp of the first pose."""
+        return replace(joints, stamps_ns=self._moved(joints.stamps_ns, first_ns))
+
+    def taken_out_of_imu(self, imu: ImuSamples, clock: Clock) -> ImuSamples:
+        """Return the readings with stamps by a clock that was not slewed. `clock` relates both as before it."""
+        first = imu.stamps_ns[0]
+
+        def moved(stamps_ns: Stamps) -> Stamps:
+            return stamps_ns - self._shift(clock.reference_time((stamps_ns - first) * 1e-9))
+
+        return replace(imu, stamps_ns=moved(imu.stamps_ns), broken_ns=moved(imu.broken_ns))
+
+    def warning(self, whose: str) -> DataWarning:
+        """Return the warning about it; whose: the clock that was slewed."""
+        text = (
+            f"the {whose}'s clock was slewed by {1e3 * self.size:+.1f} ± {1e3 * self.size_sd:.1f} ms against the other "
+            f"one, from {self.begin:.0f} to {self.end:.0f} s after the first pose; its stamps were corrected"
+        )
+        return DataWarning("clocks", text)
+
+    def _moved(self, stamps_ns: Stamps, first_ns: int) -> Stamps:
+        return stamps_ns + self._shift((stamps_ns - first_ns) * 1e-9)
+
+    def _shift(self, tau: Array) -> Stamps:
+        return np.round(1e9 * self.size * self._share(tau)).astype(np.int64)
+
+    def _share(self, tau: Array) -> Array:
+        return np.clip((tau - self.begin) / (self.end - self.begin), 0.0, 1.0)
+
+
+def find_clock_slew(fit: RateFit) -> ClockSlew | None:
+    """Return the slew that explains why the clocks do not run evenly; None if there is none, or a step explains it.
+
+    Notes
+    -----
+    The shifts of a dozen parts of the recording are fitted by a straight line and a ramp, averaged over each part.
+    """
+    tau, shift, sd = drift_of(fit)
+    step = with_best_step(tau, shift, sd)
+    if step is None:
+        return None
+    even, *_ = fitted(np.column_stack([np.ones(tau.size), tau]), shift, sd)
+    width = float(np.median(np.diff(tau)))
+    best = _best_ends(tau, shift, sd, width)
+    left, x, deviation = _with_ramp(tau, shift, sd, width, best)
+    clear = left <= BETTER * even and left <= _CLEARER * step.left and abs(x[2]) >= max(MIN, 10.0 * deviation[2])
+    if not clear or best[1] - best[0] < _SHORTEST * width:
+        return None
+    skew = fit.clock.skew + x[1]
+    return ClockSlew(*best, float(x[2]) / (1.0 + skew), float(deviation[2]))
+
+
+def _best_ends(tau: Array, shift: Array, sd: Array, width: float) -> tuple[float, float]:
+    """Return the moments at which a ramp begins and ends that leave least, each search about the one before."""
+    around, half = np.arange(tau[0], tau[-1], width / _GRID[0]), 0.0
+    begins = ends = around
+    for finer in (*_GRID[1:], None):
+        pairs = [(begin, end) for begin in begins for end in ends if end > begin + 0.1 * width]
+        best = min(pairs, key=lambda pair: _with_ramp(tau, shift, sd, width, pair)[0])
+        if finer is not None:
+            half = width / finer
+            begins, ends = (one + half * np.arange(-4.0, 5.0) for one in best)
+    return float(best[0]), float(best[1])
+
+
+def _with_ramp(
+    tau: Array, shift: Array, sd: Array, width: float, ends: tuple[float, float]
+) -> tuple[float, Array, Array]:
+    """Return the fit of a line with a ramp between two moments."""
+    inside = tau[:, None] + width * ((np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5)
+    share = np.clip((inside - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0).mean(axis=1)
+    return fitted(np.column_stack([np.ones(tau.size), tau, share]), shift, sd)
