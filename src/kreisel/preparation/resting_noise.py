@@ -10,6 +10,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.inertial.allan import TERMS, NoiseFigures, density_and_walk, noise_figures, unrest, warms_up
+from kreisel.inertial.lines import Line, without_lines
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.units import DEG, MG
 from kreisel.validation.imu_checks import check_quantities
@@ -89,8 +90,9 @@ def allan_report(recording: Recording) -> AllanReport:
         reason = unrest(values, imu.interval)
         if reason is not None:
             raise RecordingError(f"the readings of the {sensor} are not at rest: {reason}", file=imu.source)
-        figures[sensor] = noise_figures(values, imu.interval)
-        remarks += _remarks(sensor, figures[sensor], values)
+        quiet, lines = without_lines(values, imu.interval)
+        figures[sensor] = noise_figures(quiet, imu.interval)
+        remarks += _remarks(sensor, figures[sensor], values) + _remarks_of_lines(sensor, lines)
     return AllanReport(figures, tuple(remarks), seconds)
 
 
@@ -113,6 +115,17 @@ def _remarks(sensor: str, found: NoiseFigures, values: np.ndarray) -> list[str]:
             _remarks_of_noise(sensor, found, values, ~dead) if not dead.all() else []
         )
     return _remarks_of_noise(sensor, found, values, ~dead)
+
+
+def _remarks_of_lines(sensor: str, lines: tuple[Line, ...]) -> list[str]:
+    """Return the remark about vibrations, the largest of each axis."""
+    unit = "rad/s" if sensor == "gyroscope" else "m/s^2"
+    largest = {one.axis: one for one in sorted(lines, key=lambda one: one.size)}
+    if not largest:
+        return []
+    each = [f"{'xyz'[i]} at {one.frequency:.4g} Hz ({one.size:.2g} {unit} rms)" for i, one in sorted(largest.items())]
+    shown = ", ".join(each)
+    return [f"{sensor}: vibration of {shown}: a line in the spectrum, not noise; the figures are those without it"]
 
 
 def _remarks_of_noise(sensor: str, found: NoiseFigures, values: np.ndarray, alive: np.ndarray) -> list[str]:

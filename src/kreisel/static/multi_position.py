@@ -41,6 +41,10 @@ CANDIDATES = (
 """Effects that are looked for; those of temperature where it was recorded. A cubic term of accelerometers is not among
 them: in a public recording it took twice of what a second accelerometer beside the first confirms."""
 
+_EVEN, _ENOUGH_FACES = ("accel_polynomial", "accel_asymmetry"), 10
+"""Effects that six faces show by the faces' tilts alone, and faces that show how large these are. Chosen: six have
+twelve tilts, nine of which go into the case and the offsets; by three of them effects were found that are not there."""
+
 
 @dataclass(frozen=True)
 class StaticEstimate:
@@ -260,7 +264,7 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
     """Return the estimate with effects that the data show, the clearest first."""
     usual = found
     first: dict[str, StaticEstimate] = {}
-    others = [usual]
+    others, unsure = [usual], () if shows_even_terms(usual.problem) else _EVEN
     candidates = [c for c in CANDIDATES if c not in OF_TEMPERATURE or found.problem.imu.temperature is not None]
     while True:
         trials = {}
@@ -271,7 +275,8 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
             trials[group] = fitted(problem, found.parameters, found.noise, found.inflated, found.attitudes, steps=1)
             first.setdefault(group, trials[group])
         others += trials.values()
-        best = max(trials, key=lambda group: trials[group].log_evidence, default="")
+        sure = [group for group in trials if group not in unsure]
+        best = max(sure, key=lambda group: trials[group].log_evidence, default="")
         if not best or trials[best].log_evidence - found.log_evidence < MIN_GAIN:
             break
         one = trials[best]
@@ -288,6 +293,12 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
         considered=tuple(sorted(considered, key=lambda c: -c.gain)),
         undecided=np.column_stack(undecided) if undecided else found.undecided,
     )
+
+
+def shows_even_terms(problem: RestProblem) -> bool:
+    """Return whether gravity, or faces enough, separate even terms of the accelerometers from their offsets."""
+    faces = [len(one.white) for one in problem.known if one.kind == "face"]
+    return not faces or max(faces) >= _ENOUGH_FACES or max(faces) < problem.rests.count // 2
 
 
 def undecided_by(found: StaticEstimate, other: StaticEstimate, odds: float) -> Array:

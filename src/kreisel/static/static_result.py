@@ -20,7 +20,7 @@ from kreisel.recording.recording import DataWarning, Recording
 from kreisel.static.count_sizes import in_quantities
 from kreisel.static.known_attitudes import Faces, TableTurns
 from kreisel.static.lost_share import lost_share
-from kreisel.static.multi_position import StaticEstimate, estimate_static, part_about, undecided_by
+from kreisel.static.multi_position import StaticEstimate, estimate_static, part_about, shows_even_terms, undecided_by
 from kreisel.static.rest_problem import RestProblem, nuisance, raw_of
 from kreisel.static.rest_search import find_rests
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
@@ -330,6 +330,11 @@ def _remarks(found: StaticEstimate, walked: Array, lost: float) -> list[DataWarn
             name = "gyro" if group.startswith("gyro") else "accelerometer"
             text = f"the {name} offsets walk by {size:.2g} {unit} (rms) from those in the middle of the recording"
             out.append(DataWarning("offsets", text))
+    if not shows_even_terms(found.problem) and "accel_offset" in layout:
+        text = (
+            "six attitudes on faces do not separate asymmetry and square terms of the accelerometers from their offsets"
+        )
+        out.append(DataWarning("offsets", f"{text}: the offsets hold at one g; add attitudes between the faces"))
     out += _warming(found)
     if lost > _LOST:
         text = f"{100.0 * lost:.2g} % or more of the samples are lost without a gap in the stamps"
