@@ -333,10 +333,11 @@ def _noise(estimate: Estimate, *, explained: bool) -> list[Reason]:
     white = estimate.correlation_factor == 1.0 and estimate.problem.noise.correlation_time == 0.0
     if estimate.contradiction <= (MAX_EXPLAINED_CONTRADICTION if white or explained else MAX_CONTRADICTION):
         return []
+    unknown_arm = any(estimate.problem.noise.frame_sd)  # an arm without joint angles
+    hint = " (record the robot's joint angles)" if unknown_arm else ""
     text = (
-        "the data contradict the given noise figures: the noise found is up to "
-        f"{estimate.contradiction:.1f} times as large. The model does not fit (record "
-        "the robot's joint angles), or the figures are wrong"
+        f"the data contradict the given noise figures: the noise found is up to {estimate.contradiction:.1f} times as "
+        f"large. The model does not fit{hint}, or the figures are wrong"
     )
     return [Reason(text)]
 
