@@ -10,6 +10,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.calibration_settings import SENSORS
 from kreisel.model.groups import group_named
 from kreisel.refinement.observability import MAX_SHARE
+from kreisel.static.known_attitudes import TableTurns
 from kreisel.static.multi_position import StaticEstimate
 
 MAX_LEFT_OUT = 0.2
@@ -17,6 +18,9 @@ MAX_LEFT_OUT = 0.2
 
 MAX_FORCE = 0.1
 """m/s^2; largest error of the force at a standstill: 10 mrad. Chosen: a hand that is no longer still."""
+
+_WHOLE = 0.05
+"""rad; turns by a table that differ less from whole ones show nothing new. Chosen: turns of 358 deg suffice."""
 
 _FEW = 10
 """Standstills, below which more of them are asked for where something is not observable."""
@@ -79,9 +83,12 @@ def _not_observable(found: StaticEstimate, sensor: str, lost: list[str]) -> str:
     dead = [axis for axis, one in zip("xyz", np.ptp(values, axis=0) == 0.0, strict=True) if one]
     if dead:
         return f"{sensor}: the readings of {', '.join(dead)} never change: it is not connected, or broken"
+    which = f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}"
+    tables = [one.angle for one in found.problem.known if isinstance(one, TableTurns)]
+    if tables and all(np.abs(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))).max() < _WHOLE for angle in tables):
+        return f"{which}; whole turns of a table end where they began: turn it by other angles, too, such as 90 deg"
     return (
-        f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}; "
-        "lay the device on each of its faces and on edges, and turn it about all axes"
+        f"{which}; lay the device on each of its faces and on edges, and turn it about all axes"
         f"{f', more often: {count} standstills are few' if count < _FEW else ''}"
     )
 

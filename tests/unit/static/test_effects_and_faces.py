@@ -67,6 +67,15 @@ def test_effects_that_are_not_chosen_widen_what_they_would_change():
     assert (beyond > 0.1 * found.deviation[place]).any()
 
 
+@pytest.mark.parametrize(("attitudes", "separate"), [(6, False), (12, True)])
+def test_each_face_once_does_not_show_square_terms_and_that_is_said(attitudes, separate):
+    _, recording = turned(1, attitudes=attitudes, laid="whole turns", quadratic=3e-4)
+    outcome = calibrate_static(recording)
+    considered = {one.group: one for one in outcome.found.considered}
+    assert considered["accel_polynomial"].included is separate
+    assert any("offsets hold at one g" in one.message for one in outcome.warnings) is not separate
+
+
 @pytest.mark.parametrize("stated", [0.0, 2e-3])
 def test_faces_are_as_far_from_right_angles_as_the_data_show(stated):
     truth, recording = turned(2, attitudes=18, laid="faces", squareness=25e-3, laid_error=1e-3)

@@ -1,6 +1,7 @@
 """Which static method is used: what the data show, what is stated, and what is missing."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from kreisel.static.known_attitudes import Faces, HingeTurns, TableTurns, WholeT
 from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
 from kreisel.static.static_methods import with_method
+from kreisel.static.static_verdict import _not_observable
 from kreisel.validation.checks import check_streams
 
 
@@ -155,3 +157,12 @@ def test_a_table_that_cannot_be_read_is_refused(tmp_path, text, message):
     (tmp_path / "own" / "table0" / "data.csv").write_text(text)
     with pytest.raises(RecordingError, match=message):
         load(tmp_path / "own")
+
+
+def test_whole_turns_of_a_table_are_said_to_end_where_they_began():
+    problem, table = case(laid="turntable", attitudes=12)
+    (turns,) = chosen(None, problem, table).problem.known
+    for angle, said in ((2.0 * np.pi, True), (6.0, False)):
+        own = replace(problem, known=(replace(turns, angle=np.full(turns.angle.size, angle)),))
+        text = _not_observable(SimpleNamespace(problem=own), "gyroscope", ["gyroscope.cross_coupling[0,0]"])
+        assert ("other angles" in text) is said
