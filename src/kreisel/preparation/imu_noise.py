@@ -162,17 +162,14 @@ def _density(stated: _Stated, observed: Array) -> Array:
 
 
 def _at_rest(values: Array, interval: float) -> float:
-    """Return the noise density of readings (n, 3) at rest, rms over the axes; 0 if they are rounded, or never rest.
-
-    It is that of the quietest quarter of the parts at rest: motion with vibration may look like rest with more noise.
-    """
+    """Return the noise density of readings (n, 3) at rest, rms over the axes; 0 if they are rounded, or never rest."""
     starts = np.arange(0, max(len(values) - _QUIET, 1), _QUIET)
     chosen = starts[np.linspace(0, starts.size - 1, min(starts.size, _PARTS)).astype(int)]
     parts = [values[start : start + _QUIET] for start in chosen]
     if len(values) < _QUIET or coarse_step(np.concatenate(parts)):
         return 0.0
-    quiet = sorted(d for part in parts if _rests(part, d := _size(white_density(part, interval)), interval))
-    return float(np.median(quiet[: max(len(quiet) // 4, _FEW)])) if len(quiet) >= _FEW else 0.0
+    quiet = [d for part in parts if _rests(part, d := _size(white_density(part, interval)), interval)]
+    return float(np.median(quiet)) if len(quiet) >= _FEW else 0.0
 
 
 def _rests(values: Array, density: float, interval: float) -> bool:

@@ -21,6 +21,9 @@ _CLEARER = 0.5
 _SHORTEST = 1.0
 """Parts of the recording; a shorter slew is a step. Chosen: their shifts do not show its ends apart."""
 
+_BESIDE = 2
+"""Parts before and after a slew at least: by one the line goes wherever the ramp wants it."""
+
 _GRID, _SAMPLES = (2.0, 8.0, 32.0), 8
 """Steps of the moments searched in a part of the recording, one search after another, and samples of its mean."""
 
@@ -113,7 +116,9 @@ def _best_ends(tau: Array, shift: Array, sd: Array, width: float) -> tuple[float
 def _with_ramp(
     tau: Array, shift: Array, sd: Array, width: float, ends: tuple[float, float]
 ) -> tuple[float, Array, Array]:
-    """Return the fit of a line with a ramp between two moments."""
+    """Return the fit of a line with a ramp between two moments; nothing fits if it is not well inside."""
     inside = tau[:, None] + width * ((np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5)
     share = np.clip((inside - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0).mean(axis=1)
+    if share[_BESIDE - 1] > 0.0 or share[-_BESIDE] < 1.0:
+        return np.inf, np.zeros(3), np.ones(3)
     return fitted(np.column_stack([np.ones(tau.size), tau, share]), shift, sd)

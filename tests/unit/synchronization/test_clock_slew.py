@@ -14,7 +14,7 @@ from kreisel.recording.recording import JointAngles, Recording
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import parse_cell
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.clock_slew import ClockSlew
+from kreisel.synchronization.clock_slew import ClockSlew, find_clock_slew
 
 BEGIN, END, RATE = 50.0, 80.0, 5e-4
 
@@ -75,3 +75,14 @@ def test_all_stamps_of_a_controller_move_alike_and_those_of_the_imu_the_other_wa
     np.testing.assert_array_equal(slew.taken_out_of_joints(joints, 0).stamps_ns, stamps + moved)
     imu = slew.taken_out_of_imu(replace(made.imu, stamps_ns=stamps), Clock(0.0))
     np.testing.assert_array_equal(imu.stamps_ns, stamps - moved)
+
+
+@pytest.mark.parametrize("count", [3, 6, 7, 12])
+def test_shifts_of_any_kind_are_fitted(count):
+    """Parts without a shift are missing; a ramp must not be taken for the line."""
+    rng, fit = np.random.default_rng(count), slewed("IMU").rate_fit
+    for _ in range(20):
+        tau = np.sort(rng.choice(np.arange(12.0), count, replace=False)) * 10.0
+        drift = np.column_stack([tau, 0.02 * rng.normal(size=count).cumsum(), np.full(count, 1e-4)])
+        found = find_clock_slew(replace(fit, clock_drift=drift))
+        assert found is None or tau[0] < found.begin < found.end < tau[-1]
