@@ -52,8 +52,8 @@ def without_lines(values: Array, interval: float) -> tuple[Array, tuple[Line, ..
             part = round(max(_PART, _PERIODS / frequency) / interval)
             vibration = _vibration(out[:, axis], frequency * interval, part)
             out[:, axis] -= vibration
-            of_noise = _NUMBERS / part * np.var(out[:, axis])
-            found.append(Line(axis, frequency, float(np.sqrt(max(np.mean(vibration**2) - of_noise, 0.0)))))
+            variance = float(np.mean(vibration**2)) - _NUMBERS / part * float(np.var(out[:, axis]))
+            found.append(Line(axis, frequency, max(variance, 0.0) ** 0.5))
     return out, tuple(found)
 
 

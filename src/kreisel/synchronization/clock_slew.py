@@ -56,7 +56,7 @@ class ClockSlew:
         first = imu.stamps_ns[0]
 
         def moved(stamps_ns: Stamps) -> Stamps:
-            return stamps_ns - self._shift(clock.reference_time((stamps_ns - first) * 1e-9))
+            return np.asarray(stamps_ns - self._shift(clock.reference_time((stamps_ns - first) * 1e-9)))
 
         return replace(imu, stamps_ns=moved(imu.stamps_ns), broken_ns=moved(imu.broken_ns))
 
@@ -69,13 +69,14 @@ class ClockSlew:
         return DataWarning("clocks", text)
 
     def _moved(self, stamps_ns: Stamps, first_ns: int) -> Stamps:
-        return stamps_ns + self._shift((stamps_ns - first_ns) * 1e-9)
+        tau: Array = (stamps_ns - first_ns).astype(np.float64) * 1e-9
+        moved: Stamps = stamps_ns + self._shift(tau)
+        return moved
 
     def _shift(self, tau: Array) -> Stamps:
-        return np.round(1e9 * self.size * self._share(tau)).astype(np.int64)
-
-    def _share(self, tau: Array) -> Array:
-        return np.clip((tau - self.begin) / (self.end - self.begin), 0.0, 1.0)
+        """Return how far stamps have gone off by some moments, ns."""
+        share = np.clip((tau - self.begin) / (self.end - self.begin), 0.0, 1.0)
+        return np.asarray(np.round(1e9 * self.size * share), dtype=np.int64)
 
 
 def find_clock_slew(fit: RateFit) -> ClockSlew | None:
