@@ -83,7 +83,7 @@ def calibrate(
         autocompletion=completion.error_terms,
     ),
     skew: bool | None = typer.Option(
-        None, help="Estimate the clocks' ratio; by default where the data show that it differs from one."
+        None, help="Estimate the clocks' ratio; by default with orientations. Not where one clock stamps both."
     ),
     size_effect: str = typer.Option(
         "completed",

@@ -64,7 +64,7 @@ class CalibrationSettings:
     estimated
         Groups of `BY_CHOICE` that are estimated too.
     skew
-        Whether the clocks' ratio is estimated; decided by the fit of rotations if None.
+        Whether the clocks' ratio is estimated; if None, with orientations, and else where positions show it.
     size_effect
         Form of the eccentricity term in equation (2).
     passes

@@ -30,7 +30,7 @@ class RateFit:
     clock
         With the standard deviations of the fit.
     skewed
-        Whether the clocks run at different rates, or might according to this recording.
+        Whether the ratio of the clocks is estimated: always with orientations, and without where positions show it.
     explained
         Share of the reference's squared rotation that the fit explains; 1 is all.
     residual_sd
