@@ -115,6 +115,8 @@ def calibrate_one(batch: Batch, number: int) -> Run:
         return run_of(job.key, job.name, read, None, text)
     except KreiselError as error:
         return run_of(job.key, job.name, read, str(error), None)
+    except Exception as error:  # the other units are calibrated all the same
+        return run_of(job.key, job.name, read, f"unexpected {type(error).__name__}: {error}", None)
 
 
 def run_of(key: str, name: str, read: Recording | None, error: str | None, text: str | None) -> Run:

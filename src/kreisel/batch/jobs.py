@@ -149,8 +149,10 @@ def _entries(folder: Path) -> list[Path]:
 
 def _key(name: str, path: Path, settings: CalibrationSettings) -> str:
     own = hashlib.sha256(f"{__version__} {settings!r} {name}".encode())
-    for file in sorted(_files(path, frozenset())):
-        own.update(f"\n{file.relative_to(path).as_posix()} ".encode())
+    beside = path.with_suffix(".toml")  # settings of a file
+    settings_files = [beside] if path.is_file() and beside.is_file() else []
+    for file in (*sorted(_files(path, frozenset())), *settings_files):
+        own.update(f"\n{file.name if file is beside else file.relative_to(path).as_posix()} ".encode())
         try:
             with file.open("rb") as content:
                 own.update(hashlib.file_digest(content, "sha256").digest())

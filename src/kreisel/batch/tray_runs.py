@@ -44,6 +44,9 @@ def calibrate_units(job: Job, settings: CalibrationSettings, results: Path, *, v
         return runs_of_tray(outcome, job)
     except KreiselError as error:
         return [_run(job, imu, base, unread.get(imu, str(error))) for imu in job.imus]
+    except Exception as error:  # the other units are calibrated all the same
+        reason = f"unexpected {type(error).__name__}: {error}"
+        return [_run(job, imu, base, unread.get(imu, reason)) for imu in job.imus]
 
 
 def write_tray_results(outcome: TrayOutcome, folder: Path) -> None:

@@ -87,6 +87,9 @@ def repeatability(calibrations: Sequence[Calibration]) -> tuple[Repeated, ...]:
     """
     if len(calibrations) < 2:
         raise SettingsError("give two or more recordings of one device")
+    digests = [one.recording.digest for one in calibrations if one.recording is not None and one.recording.digest]
+    if len(set(digests)) < len(digests):
+        raise SettingsError("two of the results are of the same data, which count once: give each recording once")
     common = [_common_deviations(one) for one in calibrations]
     out = quantities_compared([c.derived for c in calibrations], common=common)
     shared = np.array([one.get(_LEVER_ARMS, np.zeros((3, 3))) for one in common]) / MM
@@ -142,14 +145,16 @@ def _compared(name: str, title: str, unit: str, measured: tuple[Array, Array, Ar
     """Return the comparison of values (runs, 3) with their deviations and what all runs have in common of these."""
     values, deviations, common = measured
     known = deviations > 0.0
+    spread, common = np.where(known, deviations, 0.0), np.where(known, common, 0.0)
     weight = np.where(known, 1.0 / np.where(known, deviations, 1.0) ** 2, 0.0)
     total = weight.sum(axis=0)
+    weighted = np.where(known, weight * values, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = (weight * values).sum(axis=0) / total
-        own = np.maximum(deviations**2 - common**2, 0.0)
+        mean = weighted.sum(axis=0) / total
+        own = np.maximum(spread**2 - common**2, 0.0)
         mean_sd = np.sqrt((weight**2 * own).sum(axis=0) + (weight * common).sum(axis=0) ** 2) / total
         rest = total - weight
-        others = (total * mean - weight * values) / rest
+        others = (total * mean - weighted) / rest
         scores = np.where(known & (rest > 0.0), (values - others) / np.hypot(deviations, rest**-0.5), np.nan)
     runs = known.sum(axis=0)
     degrees = int(np.sum(np.maximum(runs - 1, 0)))

@@ -64,7 +64,7 @@ def repeat(
         why = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
         raise SettingsError(f"fewer than two results are accepted ({why}); nothing to compare")
     runs, found = list(accepted), repeatability(list(accepted.values()))
-    facts = _facts(found, left_out)
+    facts = _facts(found, left_out, [name for name, one in accepted.items() if one.budget is None])
     document = _document(found, runs, left_out)
     if output is not None:
         from kreisel.report.repeatability_page import write_repeatability
@@ -97,10 +97,15 @@ def _calibration(path: Path, fixed: dict[str, Any]) -> Calibration:
     return outcome.calibration
 
 
-def _facts(found: tuple[Repeated, ...], left_out: dict[str, str]) -> list[str]:
+def _facts(found: tuple[Repeated, ...], left_out: dict[str, str], without_budget: list[str]) -> list[str]:
     from kreisel.calibration.repeatability import MAY_CHANGE
 
     facts = [f"{name} is not compared; {reason}" for name, reason in left_out.items()]
+    if without_budget:
+        facts.append(
+            f"{', '.join(without_budget)}: results without a budget of uncertainty do not say what runs have in common "
+            "(gravity, the robot), so that deviations of the means may be too small: compare the recordings instead."
+        )
     large = [one for one in found if one.too_large and one.name not in MAY_CHANGE]
     if large:
         worst = ", ".join(f"{one.title.lower()} (x {one.factor:.1f})" for one in large)

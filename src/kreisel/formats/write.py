@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,9 +39,22 @@ def write(recording: Recording, path: str | Path, further: Mapping[str, ImuSampl
     suffix = path.suffix.lower()
     if suffix in SUFFIXES and suffix not in WRITERS:
         raise RecordingError(f"{suffix} files are only read; name a folder or an .mcap file", file=path)
+    _check_kept(recording, path, (recording.imu, *(further or {}).values()))
     if further:
         recording = replace(recording, settings=recording.settings.of_all_imus())
     WRITERS.get(suffix, write_folder)(recording, path, further or {})
+
+
+def _check_kept(recording: Recording, path: Path, imus: Sequence[ImuSamples]) -> None:
+    """Raise an error if a file would lose or misname what a recording holds."""
+    if any(imu.units.counted(kind) for imu in imus for kind in ("rate", "acceleration")):
+        raise RecordingError("raw counts cannot be written: copy the recording's folder", file=path)
+    if path.suffix.lower() != ".mcap":
+        return
+    lost = ["temperatures"] if any(imu.temperature is not None for imu in imus) else []
+    lost += ["a turntable's angles"] if recording.table is not None else []
+    if lost:
+        raise RecordingError(f"MCAP files of kreisel do not hold {' and '.join(lost)}: name a folder", file=path)
 
 
 def _write_mcap(recording: Recording, path: Path, further: Mapping[str, ImuSamples]) -> None:

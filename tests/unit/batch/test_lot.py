@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kreisel.batch.batch_pages import write_batch, write_history
-from kreisel.batch.execution import Batch, calibrate_all, one_after_another, waiting_in
+from kreisel.batch.execution import Batch, calibrate_all, calibrate_one, one_after_another, waiting_in
 from kreisel.batch.job_result import Run
 from kreisel.batch.jobs import jobs_in, leaving
 from kreisel.batch.lot import counts, good, table, units_of
@@ -232,3 +232,29 @@ def test_pages_are_complete_and_escape_names(tmp_path):
 def test_repeated_runs_of_few_units_are_no_lot():
     runs = [replace(run(k, 5.0 * (k % 4)), unit=f"unit-{k % 4}") for k in range(12)]
     assert not any(unit.outliers for unit in units_of(runs, None))
+
+
+def test_a_fault_of_the_program_ends_one_unit_and_not_the_batch(tmp_path, monkeypatch):
+    for name in ("a", "b"):
+        (tmp_path / "in" / name / "imu0").mkdir(parents=True)
+        (tmp_path / "in" / name / "imu0" / "data.csv").write_text("x")
+
+    def fault(path):
+        raise ZeroDivisionError(f"in {path.name}")
+
+    monkeypatch.setattr("kreisel.formats.loading.load", fault)
+    settings = CalibrationSettings()
+    batch = Batch(jobs_in(tmp_path / "in", tmp_path / "out", settings), settings, tmp_path / "out", reports=False)
+    runs = [calibrate_one(batch, k) for k in range(2)]
+    assert [one.error for one in runs] == ["unexpected ZeroDivisionError: in a", "unexpected ZeroDivisionError: in b"]
+
+
+def test_settings_beside_a_file_are_part_of_its_work(tmp_path):
+    (tmp_path / "run.mcap").write_text("x")
+    keys = set()
+    for text in (None, "[site]\n", "[site]\nlatitude_deg = 3.0\n"):
+        if text is not None:
+            (tmp_path / "run.toml").write_text(text)
+        (job,) = jobs_in(tmp_path, tmp_path / "out", CalibrationSettings())
+        keys.add(job.key)
+    assert len(keys) == 3

@@ -87,3 +87,17 @@ def test_half_of_the_variance_in_common_leaves_five_eighths_in_the_mean_of_four(
     budget = Budget.of(one.names, causes, np.hstack([half, half]))
     for found in repeatability([replace(one, budget=budget)] * 4):
         np.testing.assert_allclose(found.mean_sd**2, 0.625 * found.deviations[0] ** 2, rtol=1e-6)
+
+
+def test_the_same_data_count_once():
+    one = runs(np.random.default_rng(9), 2)
+    same = [replace(r, recording=replace(r.recording, digest="a" * 64)) for r in one]
+    with pytest.raises(SettingsError, match="same data"):
+        repeatability(same)
+
+
+def test_what_one_run_does_not_know_does_not_hide_what_another_one_knows():
+    first, second = runs(np.random.default_rng(10), 2)
+    unknown = {"accel_distances_mm": Measured(np.full(3, np.nan), np.full(3, np.nan))}
+    found = {r.name: r for r in repeatability([first, replace(second, derived={**second.derived, **unknown})])}
+    np.testing.assert_allclose(found["accel_distances_mm"].mean, first.derived["accel_distances_mm"].value)

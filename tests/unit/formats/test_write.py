@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from kreisel.formats.bag import load_bag
 from kreisel.formats.folder import load_folder
 from kreisel.formats.loading import load
 from kreisel.formats.write import settings_toml, write, write_folder
+from kreisel.recording.header import HeaderUnits
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.recording_settings import RecordingSettings, RobotTable, read_settings
 
@@ -186,3 +188,14 @@ def test_a_trajectory_has_the_scalar_last(tmp_path):
         write(made, tmp_path / "poses.tum")
     with pytest.raises(RecordingError, match="no poses with positions and orientations"):
         write(recording(quaternions=False), tmp_path / "other.tum")
+
+
+def test_what_a_file_would_lose_or_misname_is_refused(tmp_path):
+    warm = replace(recording().imu, temperature=np.full(N, 25.0))
+    with pytest.raises(RecordingError, match="do not hold temperatures"):
+        write(replace(recording(), imu=warm), tmp_path / "warm.mcap")
+    write(replace(recording(), imu=warm), tmp_path / "warm")
+    counted = replace(recording().imu, units=HeaderUnits(rate="counts"))
+    with pytest.raises(RecordingError, match="raw counts"):
+        write(replace(recording(), imu=counted), tmp_path / "counted")
+    assert not (tmp_path / "counted").exists()
