@@ -58,7 +58,8 @@ def row_of(path: Path) -> list[str]:
     by_robot = with_stated(recording, "imu", time_base="reference")
     misfit = [f"{_misfit(one):.1f}" for one in (without, found)]
     clocks = f"{1e3 * found.calibration.timing.skew:.2f}"
-    return [name, verdict, *misfit, *_zeros(found), *_scales(found), *_scales(by_robot), clocks]
+    scales = _scales(by_robot) if by_robot.verdict.accepted else [""] * 6
+    return [name, verdict, *misfit, *_zeros(found), *_scales(found), *scales, clocks]
 
 
 def with_stated(recording: Recording, table: str, **stated: str) -> Outcome:
