@@ -18,6 +18,10 @@ from kreisel.synchronization.fits import RateFit
 _CLEARER = 0.5
 """Share of what a step leaves that a slew leaves at most. Chosen: it has two moments to choose, and a step one."""
 
+_BENT = 0.1
+"""Of the size of a slew, by which shifts leave a straight line at least. Chosen: ramps between any two parts of twelve
+leave it by 0.15 to 0.84."""
+
 _SHORTEST = 1.0
 """Parts of the recording; a shorter slew is a step. Chosen: their shifts do not show its ends apart."""
 
@@ -40,6 +44,8 @@ class ClockSlew:
     def refined(self, fit: RateFit) -> ClockSlew:
         """Return the slew with what is left of it, by the fit after it was taken out."""
         tau, shift, sd = drift_of(fit)
+        if tau.size <= 2 * _BESIDE:
+            return self
         _, x, deviation = _with_ramp(tau, shift, sd, float(np.median(np.diff(tau))), (self.begin, self.end))
         return replace(self, size=self.size + float(x[2]), size_sd=float(deviation[2]))
 
@@ -90,7 +96,10 @@ def find_clock_slew(fit: RateFit) -> ClockSlew | None:
     step = with_best_step(tau, shift, sd)
     if step is None:
         return None
-    even, *_ = fitted(np.column_stack([np.ones(tau.size), tau]), shift, sd)
+    line = np.column_stack([np.ones(tau.size), tau])
+    even, x, _ = fitted(line, shift, sd)
+    if np.ptp(shift - line @ x) < _BENT * MIN:
+        return None
     width = float(np.median(np.diff(tau)))
     best = _best_ends(tau, shift, sd, width)
     left, x, deviation = _with_ramp(tau, shift, sd, width, best)
