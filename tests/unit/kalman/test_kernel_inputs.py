@@ -182,8 +182,8 @@ def test_what_the_reference_does_not_show_is_not_given():
 def test_there_is_room_in_the_record_for_every_update():
     problem = without_groups(small_problem(), ("lever_arms",))
     record = filter_record(problem, 7)
-    assert record.mean.shape == (7, problem.layout.stored("time_offset").stop)  # of the navigation state nothing
-    assert record.deviation.shape == (7, 30)
+    assert record.mean.shape == (7, problem.layout.stored("time_skew").stop)  # of the navigation state nothing
+    assert record.deviation.shape == (7, problem.layout["time_skew"].stop)
     assert record.whitened.shape == record.noise_variance.shape == (7, 9)
     assert record.correction.shape == (7, 6)
     assert not record.used.any()
