@@ -106,7 +106,7 @@ def test_shares_of_the_budget_add_up(made):
     (axes,) = kreisel.plot.budget(made[2]).axes
     widths = np.array([[bar.get_width() for bar in one] for one in axes.containers])
     np.testing.assert_allclose(widths.sum(axis=0), 100.0)
-    assert len(axes.get_yticklabels()) == widths.shape[1] == 9
+    assert len(axes.get_yticklabels()) == widths.shape[1] == 10
 
 
 class Constant:
