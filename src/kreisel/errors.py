@@ -40,6 +40,11 @@ class KreiselError(Exception):
     """Base class of all errors that kreisel raises on purpose; its text is one line for the user."""
 
 
+def reason_of(error: Exception) -> str:
+    """Return what a table or a log says of an error: its text, and its type if nobody raised it on purpose."""
+    return str(error) if isinstance(error, KreiselError) else f"unexpected {type(error).__name__}: {error}"
+
+
 class RecordingError(KreiselError):
     """A recording that cannot be used as it is.
 

@@ -15,7 +15,7 @@ from typing import Protocol, TypeVar
 from kreisel.batch.job_result import Run, date_of
 from kreisel.batch.jobs import MEAN, TRAY_FILES, Job
 from kreisel.batch.result_store import Store
-from kreisel.errors import KreiselError
+from kreisel.errors import reason_of
 from kreisel.memory import releasing_memory
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.recording.recording import Recording
@@ -113,10 +113,8 @@ def calibrate_one(batch: Batch, number: int) -> Run:
                 write_report(outcome, writing / "report.html")
         text = json.dumps(outcome.calibration.document)
         return run_of(job.key, job.name, read, None, text)
-    except KreiselError as error:
-        return run_of(job.key, job.name, read, str(error), None)
-    except Exception as error:  # the other units are calibrated all the same
-        return run_of(job.key, job.name, read, f"unexpected {type(error).__name__}: {error}", None)
+    except Exception as error:  # whatever it is, the other units are calibrated all the same
+        return run_of(job.key, job.name, read, reason_of(error), None)
 
 
 def run_of(key: str, name: str, read: Recording | None, error: str | None, text: str | None) -> Run:

@@ -11,7 +11,7 @@ import numpy as np
 
 from kreisel.batch.job_result import Run, date_of, key_of_unit
 from kreisel.batch.jobs import MEAN, TRAY_FILES, Job
-from kreisel.errors import KreiselError
+from kreisel.errors import reason_of
 from kreisel.recording.recording import Recording
 from kreisel.recording.recording_settings import RecordingSettings
 
@@ -42,11 +42,8 @@ def calibrate_units(job: Job, settings: CalibrationSettings, results: Path, *, v
         outcome = replace(outcome, left_out=(*unread.items(), *outcome.left_out))
         write_tray_results(outcome, results / job.name)
         return runs_of_tray(outcome, job)
-    except KreiselError as error:
-        return [_run(job, imu, base, unread.get(imu, str(error))) for imu in job.imus]
-    except Exception as error:  # the other units are calibrated all the same
-        reason = f"unexpected {type(error).__name__}: {error}"
-        return [_run(job, imu, base, unread.get(imu, reason)) for imu in job.imus]
+    except Exception as error:  # whatever it is, the other trays are calibrated all the same
+        return [_run(job, imu, base, unread.get(imu, reason_of(error))) for imu in job.imus]
 
 
 def write_tray_results(outcome: TrayOutcome, folder: Path) -> None:

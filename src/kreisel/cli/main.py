@@ -50,7 +50,7 @@ from kreisel.cli import (  # noqa: E402 - after the environment is set
 )
 from kreisel.cli.command_help import START, epilog, help_of  # noqa: E402
 from kreisel.cli.foreign_warnings import keep_from_terminal  # noqa: E402
-from kreisel.errors import KreiselError, UnknownColumnsError  # noqa: E402
+from kreisel.errors import KreiselError, UnknownColumnsError, reason_of  # noqa: E402
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # as in malloc.h
 
@@ -165,7 +165,7 @@ def run() -> None:
     except Exception as error:
         if os.environ.get("KREISEL_DEBUG"):
             raise
-        fail(f"unexpected {type(error).__name__}: {error}; set KREISEL_DEBUG=1 to see where, and please report it")
+        fail(f"{reason_of(error)}; set KREISEL_DEBUG=1 to see where, and please report it")
     finally:
         gc.freeze()  # no garbage collection is needed any more: the process ends
 

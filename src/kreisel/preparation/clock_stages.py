@@ -71,7 +71,7 @@ def without_slew(before: Comparison) -> Comparison | None:
 
     Whose clock it was is seen by the rates: they are wrong while it was slewed if it was the IMU's.
     """
-    slew = None if before.reference.quaternions is None else find_clock_slew(before.fit)
+    slew = find_clock_slew(before.fit)
     if slew is None:
         return None
     found = []

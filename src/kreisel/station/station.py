@@ -32,7 +32,7 @@ from kreisel.calibration.result import Calibration
 from kreisel.certificate.certificate_page import html
 from kreisel.certificate.content import certificate_of, fields_of
 from kreisel.certificate.statement import digest_of
-from kreisel.errors import KreiselError, SettingsError
+from kreisel.errors import KreiselError, SettingsError, reason_of
 from kreisel.station.golden_unit import golden_check
 from kreisel.station.production_line import Line
 from kreisel.station.retest import outcome_of, recent_tests
@@ -243,7 +243,7 @@ class Station:
             self._workers = _workers()
             self._end(self._current or attempt, INTERRUPTED, "the calibration was killed; its recording is kept")
         except Exception as error:
-            self._end(self._current or attempt, INTERRUPTED, f"unexpected {type(error).__name__}: {error}")
+            self._end(self._current or attempt, INTERRUPTED, reason_of(error))
         finally:
             self._current, self._task = None, None
             self.refresh()

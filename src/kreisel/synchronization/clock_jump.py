@@ -16,7 +16,7 @@ from kreisel.synchronization.rate_fit import turn_errors
 MIN = 4e-3
 """s; smaller jumps are found by the filter, as a clock that walks."""
 
-_MIN_PARTS, BETTER = 3, 0.15
+_MIN_PARTS, _BETTER = 3, 0.15
 """Parts of the recording on either side of a jump, and share of the sum of squares that it leaves at most."""
 
 _BESIDE = 0.5
@@ -89,9 +89,9 @@ def find_clock_jump(readings: Readings, reference: ReferencePoses, fit: RateFit)
     step = with_best_step(tau, shift, sd)
     if reference.quaternions is None or step is None:
         return None
-    even, *_ = fitted(np.column_stack([np.ones(tau.size), tau]), shift, sd)
+    even, *_ = fitted(straight(tau), shift, sd)
     best, x, deviation = step.before, step.coefficients, step.deviations
-    if step.left > BETTER * even or abs(x[2]) < MIN or abs(x[2]) < 10.0 * deviation[2]:
+    if not explains(step.left, even, x, deviation):
         return None
     before = Clock(fit.clock.start + x[0], fit.clock.skew + x[1])
     after = replace(before, start=before.start + x[2])
@@ -110,6 +110,24 @@ def drift_of(fit: RateFit) -> tuple[Array, Array, Array]:
     tau, shift, sd = fit.clock_drift.T
     known = np.isfinite(shift) & np.isfinite(sd)
     return tau[known], shift[known], np.maximum(sd[known], 1e-5)
+
+
+def straight(tau: Array) -> Array:
+    """Return the columns (n, 2) of a straight line."""
+    return np.column_stack([np.ones(tau.size), tau])
+
+
+def explains(left: float, even: float, x: Array, deviation: Array) -> bool:
+    """Return whether a third column beside a line explains shifts that the line alone does not, and is large enough.
+
+    Parameters
+    ----------
+    left, even
+        Mean squares of what is left with it, and without.
+    x, deviation : (3,)
+        Coefficients.
+    """
+    return left <= _BETTER * even and abs(x[2]) >= max(MIN, 10.0 * deviation[2])
 
 
 @dataclass(frozen=True)
@@ -142,7 +160,7 @@ def with_best_step(tau: Array, shift: Array, sd: Array) -> Step | None:
 
 def _with_step(tau: Array, shift: Array, sd: Array, k: int) -> tuple[float, Array, Array]:
     """Return the fit of a line with a step before part k, which itself may be a mixture and does not count."""
-    columns = np.column_stack([np.ones(tau.size), tau, (np.arange(tau.size) >= k).astype(float)])
+    columns = np.column_stack([straight(tau), np.arange(tau.size) >= k])
     counts = np.arange(tau.size) != k - 1
     return fitted(columns[counts], shift[counts], sd[counts])
 

@@ -12,7 +12,7 @@ import numpy as np
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, ReferencePoses, Stamps
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.clock_jump import BETTER, MIN, drift_of, fitted, with_best_step
+from kreisel.synchronization.clock_jump import MIN, drift_of, explains, fitted, straight, with_best_step
 from kreisel.synchronization.fits import RateFit
 
 _CLEARER = 0.5
@@ -96,15 +96,14 @@ def find_clock_slew(fit: RateFit) -> ClockSlew | None:
     step = with_best_step(tau, shift, sd)
     if step is None:
         return None
-    line = np.column_stack([np.ones(tau.size), tau])
-    even, x, _ = fitted(line, shift, sd)
-    if np.ptp(shift - line @ x) < _BENT * MIN:
+    even, x, _ = fitted(straight(tau), shift, sd)
+    if np.ptp(shift - straight(tau) @ x) < _BENT * MIN:
         return None
     width = float(np.median(np.diff(tau)))
     best = _best_ends(tau, shift, sd, width)
     left, x, deviation = _with_ramp(tau, shift, sd, width, best)
-    clear = left <= BETTER * even and left <= _CLEARER * step.left and abs(x[2]) >= max(MIN, 10.0 * deviation[2])
-    if not clear or best[1] - best[0] < _SHORTEST * width:
+    clearer = left <= _CLEARER * step.left and best[1] - best[0] >= _SHORTEST * width
+    if not clearer or not explains(left, even, x, deviation):
         return None
     skew = fit.clock.skew + x[1]
     return ClockSlew(*best, float(x[2]) / (1.0 + skew), float(deviation[2]))
@@ -131,4 +130,4 @@ def _with_ramp(
     share = np.clip((inside - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0).mean(axis=1)
     if share[_BESIDE - 1] > 0.0 or share[-_BESIDE] < 1.0:
         return np.inf, np.zeros(3), np.ones(3)
-    return fitted(np.column_stack([np.ones(tau.size), tau, share]), shift, sd)
+    return fitted(np.column_stack([straight(tau), share]), shift, sd)
