@@ -154,26 +154,31 @@ def _checked(
 
     All checks are of the estimate as it is; what they add is added afterwards.
     """
-    lack = lack_of_fit(found, of_step(progress, "fit"))
-    halves = split_halves(found, progress, executor)
-    by_interval = interval_disagreement(found, progress)
-    shares = of_parts(progress, "checks", 2 if validate else 1)
-    latitude, *crossed = executor(
+    of_latitude, of_halves, of_cross, of_fit, of_budget, of_interval = of_parts(progress, "checks", 6)
+    latitude, halves, cross, lack, of_filter, by_interval = executor(
         [
-            partial(check_latitude, found, shares[0]),
-            *(partial(cross_validate, found, share) for share in shares[1:]),
+            partial(check_latitude, found, of_latitude),
+            partial(split_halves, found, of_halves, executor),
+            partial(cross_validate, found, of_cross) if validate else _nothing,
+            partial(lack_of_fit, found, of_step(of_fit, "fit")),
+            partial(filter_parts, found, of_budget) if budget else _nothing,
+            partial(interval_disagreement, found, of_interval),
         ]
     )
     compared = compare_splits(found, lack)
     checks = _Checks(
         lack, _by_scatter(halves, found, lack), tuple(split for split, _ in compared), latitude,
-        crossed[0] if crossed else None, filter_parts(found, progress) if budget else None,
+        cross, of_filter,
     )  # fmt: skip
     by_halves = halves_disagreement(without_passing(found), halves)
     by_parts = lack_of_fit_disagreement(found, larger_deviations(found, lack))
     for more in (by_interval, by_parts, splits_disagreement(compared)):
         found = found.adding(more.contributions, more.warnings)
     return without_passing(found).adding(by_halves.contributions, by_halves.warnings), checks
+
+
+def _nothing() -> None:
+    """Return nothing: the result of a check that is not asked for."""
 
 
 def _in_use(recording: Recording, settings: CalibrationSettings) -> Recording:

@@ -12,7 +12,9 @@ __all__ = ["in_threads", "releasing_memory"]
 
 def in_threads(tasks: Sequence[Callable[[], Any]]) -> list[Any]:
     """Return the results of tasks; the first error of one is raised when all have ended."""
+    import os
     from concurrent.futures import ThreadPoolExecutor
 
-    with ThreadPoolExecutor(max_workers=len(tasks)) as pool:
+    workers = min(len(tasks), max(2, os.cpu_count() or 1))
+    with ThreadPoolExecutor(max_workers=workers) as pool:
         return [future.result() for future in [pool.submit(task) for task in tasks]]

@@ -168,10 +168,9 @@ class SensorEffect:
 def _product(factors: tuple[Factor, ...], raw: RawReadings, sensor: Sensor) -> Array:
     """Return a product of factors, (3, n) or (1, n)."""
     out = np.ones((1, raw.stamps.size))
-    for i, factor in enumerate(dict.fromkeys(factors)):
-        count = factors.count(factor)
-        values = factor.of(raw, sensor) if count == 1 else factor.of(raw, sensor) ** count
-        out = values if i == 0 else out * values
+    values = {factor: factor.of(raw, sensor) for factor in dict.fromkeys(factors)}
+    for i, factor in enumerate(factors):
+        out = values[factor] if i == 0 else out * values[factor]
     return out
 
 

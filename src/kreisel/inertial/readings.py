@@ -14,10 +14,21 @@ from typing import NamedTuple
 import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices, conjugate, multiply
-from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, prepare
+from kreisel.inertial.effects import RawReadings
+from kreisel.inertial.strapdown import (
+    InertialSignal,
+    Stencils,
+    first_of_five,
+    integrate_attitude,
+    prepare,
+    raw_readings,
+)
 
 CHUNK = 1 << 16
 """Samples of one chunk: nearly three minutes at 400 Hz."""
+
+_RAW_CHUNK = 1 << 13
+"""Samples of a chunk that is not prepared. Chosen: forty functions of it fit into a processor's cache."""
 
 EXCERPT = 8
 """Chunks that are enough where not all of a long recording is needed."""
@@ -38,6 +49,38 @@ class _Prepared(NamedTuple):
 
     chunks: dict[int, InertialSignal]
     across: dict[tuple[int, int], InertialSignal]
+
+
+@dataclass(frozen=True)
+class RawChunk:
+    """Consecutive readings that are not prepared, with those around them.
+
+    Attributes
+    ----------
+    first, last
+        Samples of the recording.
+    begin
+        Sample of the recording with which `readings` begin.
+    readings
+        From some samples before the first to some after the last.
+    segments
+        First and last sample of every segment of them.
+    """
+
+    first: int
+    last: int
+    begin: int
+    readings: RawReadings
+    segments: tuple[tuple[int, int], ...]
+
+    def own(self, values: Array) -> Array:
+        """Return the part (k, last + 1 - first) of values (k, n) of all its readings."""
+        return values[:, self.first - self.begin : self.last + 1 - self.begin]
+
+    def integrals(self, values: Array) -> Array:
+        """Return integrals (k, last - first) over each sampling interval of values (k, n), as of prepared readings."""
+        whole = Stencils.of(self.readings.stamps, self.segments).integrals(np.ascontiguousarray(values))
+        return whole[:, self.first - self.begin : self.last - self.begin]
 
 
 @dataclass(frozen=True)
@@ -119,6 +162,19 @@ class Readings:
         for start in self._starts():
             yield self._usual(int(start))
 
+    def raw_chunks(self) -> Iterator[RawChunk]:
+        """Yield consecutive chunks as they were read; the last sample of each is the first of the next."""
+        last = self.stamps.size - 1
+        for start in range(0, last, _RAW_CHUNK):
+            stop = min(start + _RAW_CHUNK, last)
+            low, high = max(start - _REACH, 0), min(stop + _REACH, last)
+            part = slice(low, high + 1)
+            warmer = None if self.temperature_difference is None else self.temperature_difference[part]
+            segments = self._segments_between(low, high)
+            first = first_of_five(high + 1 - low, segments)
+            raw = raw_readings(self.stamps[part], self.rates[part], self.accelerations[part], first, warmer)
+            yield RawChunk(start, stop, low, raw, segments)
+
     def excerpt(self, begin: float, end: float) -> Iterator[InertialSignal]:
         """Yield at most `EXCERPT` chunks, spread evenly over those between two times, s."""
         starts = self._starts()
@@ -171,8 +227,7 @@ class Readings:
 
     def _between(self, low: int, high: int) -> InertialSignal:
         low, high = max(low, 0), min(high, self.stamps.size - 1)
-        inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
-        segments = tuple((a, b) for a, b in inside if b - a >= _SHORTEST)
+        segments = self._segments_between(low, high)
         part = slice(low, high + 1)
         temperature_difference = None if self.temperature_difference is None else self.temperature_difference[part]
         signal = prepare(
@@ -180,6 +235,11 @@ class Readings:
             applied=self.applied, temperature_difference=temperature_difference, segments=segments,
         )  # fmt: skip
         return replace(signal, begin=low)
+
+    def _segments_between(self, low: int, high: int) -> tuple[tuple[int, int], ...]:
+        """Return the segments between two samples, which are numbered from the first of them on."""
+        inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
+        return tuple((a, b) for a, b in inside if b - a >= _SHORTEST)
 
 
 def attitudes_at(readings: Readings, rate: Array, samples: Indices) -> Array:

@@ -101,43 +101,65 @@ def prepare(
     stamps, rates, accelerations = (np.ascontiguousarray(x, dtype=float) for x in (stamps, rates, accelerations))
     n = stamps.size
     segments = ((0, n - 1),) if segments is None else segments
-    base = np.zeros(n - 1, dtype=np.int64)
-    first = np.zeros(n, dtype=np.int64)
-    inside, within = np.zeros(n, dtype=bool), np.zeros(n - 1, dtype=bool)
-    for start, stop in segments:
-        k = np.arange(start, stop)
-        base[k] = np.clip(k - 2, start, stop - 5)
-        within[k] = True
-        k = np.arange(start, stop + 1)
-        first[k] = np.clip(k - 2, start, stop - 4)
-        inside[k] = True
-    outside = np.flatnonzero(~inside)
-    first[outside] = np.clip(outside - 2, 0, n - 5)
-    between = np.flatnonzero(~within)
-    base[between] = np.clip(between - 2, 0, n - 6)
-    single, double = np.empty((n - 1, quadrature.POINTS)), np.empty((n - 1, quadrature.POINTS))
-    quadrature.interval_weights(stamps, base, single, double)
-    _straighten(between, stamps, base, single, double)
-    raw = raw_readings(stamps, rates, accelerations, first, temperature_difference)
+    stencils = Stencils.of(stamps, segments)
+    raw = raw_readings(stamps, rates, accelerations, first_of_five(n, segments), temperature_difference)
     change = added(raw, applied)
     rates, accelerations = rates + change[0], accelerations + change[1]
     slope = raw.derivative(rates)
     features = _stacked(np.ones(n), rates.T, features_of(raw, estimated, "gyroscope"))
-    integrals = np.empty((features.shape[0], n - 1))
-    quadrature.integrate_intervals(base, single, features, integrals)
     samples = Samples(
         stamps=stamps,
-        base=base,
-        single=single,
-        twice=double,
+        base=stencils.base,
+        single=stencils.single,
+        twice=stencils.twice,
         rates=features,
         slopes=_stacked(np.zeros(n), slope.T),
-        integrals=integrals,
+        integrals=stencils.integrals(features),
         forces=_stacked(accelerations.T, features_of(raw, estimated, "accelerometer")),
         noise=np.zeros((4, 3)) if noise is None else noise,
         usual=float(np.median(np.diff(stamps))),
     )
     return InertialSignal(samples, segments)
+
+
+@dataclass(frozen=True)
+class Stencils:
+    """Samples, and their weights, of which integrals over sampling intervals are made: see `interval_weights`."""
+
+    base: Indices
+    single: Array
+    twice: Array
+
+    @classmethod
+    def of(cls, stamps: Array, segments: tuple[tuple[int, int], ...]) -> Stencils:
+        """Return the stencils of samples (n,): quintics within segments, and straight lines between these."""
+        n = stamps.size
+        base = np.zeros(n - 1, dtype=np.int64)
+        within = np.zeros(n - 1, dtype=bool)
+        for start, stop in segments:
+            k = np.arange(start, stop)
+            base[k] = np.clip(k - 2, start, stop - 5)
+            within[k] = True
+        between = np.flatnonzero(~within)
+        base[between] = np.clip(between - 2, 0, n - 6)
+        single, twice = np.empty((n - 1, quadrature.POINTS)), np.empty((n - 1, quadrature.POINTS))
+        quadrature.interval_weights(stamps, base, single, twice)
+        _straighten(between, stamps, base, single, twice)
+        return cls(base, single, twice)
+
+    def integrals(self, values: Array) -> Array:
+        """Return the integrals of values (c, n) over each sampling interval, (c, n - 1)."""
+        out = np.empty((len(values), self.base.size))
+        quadrature.integrate_intervals(self.base, self.single, values, out)
+        return out
+
+
+def first_of_five(count: int, segments: tuple[tuple[int, int], ...]) -> Indices:
+    """Return the first of the five samples that each sample is differentiated by, all of its segment, (n,)."""
+    first = np.clip(np.arange(count) - 2, 0, count - 5)
+    for start, stop in segments:
+        first[start : stop + 1] = np.clip(first[start : stop + 1], start, stop - 4)
+    return first
 
 
 def raw_readings(
@@ -153,7 +175,7 @@ def raw_readings(
     readings. Otherwise the smoothing would be estimated by how much of that noise it takes away.
     """
     if first is None:
-        first = np.clip(np.arange(stamps.size) - 2, 0, stamps.size - 5).astype(np.int64)
+        first = first_of_five(stamps.size, ())
 
     def derivative(values: Array) -> Array:
         values = np.ascontiguousarray(values, dtype=float)

@@ -8,8 +8,9 @@ to compare models.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from kreisel.model.problem import Problem, usual_covariance, with_groups, with_n
 from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import correlation_factor
 from kreisel.refinement.named_terms import OFFSET_OF, named_terms
+from kreisel.tasks import Executor, sequential
 
 UNLIKELY_ODDS, LIKELY_ODDS, EXPECTED_ODDS = 1e-3, 1.0, 20.0
 """Odds, before any look at the data, that a device has an effect that contradicts what the user states, one that is
@@ -308,7 +310,12 @@ def _factor(P: Array) -> Array:
 
 
 def survey(
-    problem: Problem, near: Fit, linear: Linearised, estimator: Estimator, progress: StepProgress | None = None
+    problem: Problem,
+    near: Fit,
+    linearised: Callable[[], Linearised],
+    estimator: Estimator,
+    progress: StepProgress | None = None,
+    executor: Executor = sequential,
 ) -> Survey | None:
     """Return what the data say of all candidates beyond a fit's parameters; None if there are none.
 
@@ -317,10 +324,14 @@ def survey(
 
     Parameters
     ----------
-    near, linear
-        The problem's fit, and its linearisation about that.
+    near
+        The problem's fit.
+    linearised
+        Returns the problem's linearisation about that.
     estimator
         Makes a pass with all candidates, if the linearisation is too far from it.
+    executor
+        Runs what does not depend on each other.
     """
     groups = candidates(problem)
     if not groups:
@@ -328,7 +339,7 @@ def survey(
     # A grade may state that there is hardly such an effect. Here its prior is wide: it must not hide what the data say.
     usual = {g: usual_covariance(g, problem) for g in groups}
     usual |= {g: problem.prior.covariance[g] for g in groups if g in problem.prior.covariance and not _has_usual(g)}
-    terms, combined = named_terms(problem, near, groups)
+    linear, (terms, combined) = executor([linearised, partial(named_terms, problem, near, groups)])
     whole = linear.about(terms, innovations=True)
     found = Survey(
         problem, near, groups, whole.change @ combined, combined.T @ whole.information @ combined,

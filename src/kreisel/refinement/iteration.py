@@ -106,6 +106,10 @@ class _Work:
         self.linearised.append((problem, near, found))
         return found
 
+    def surveyed(self, problem: Problem, near: Fit, step: StepProgress | None) -> Survey | None:
+        """Return what the data say of candidates beyond a problem's fit."""
+        return survey(problem, near, partial(self.linear, problem, near), self.estimator, step, self.executor)
+
 
 @dataclass(frozen=True)
 class _Passes:
@@ -267,8 +271,7 @@ def _last_survey(passes: _Passes, work: _Work) -> Survey | None:
         return None
     if passes.surveyed is passes.problem:
         return found
-    linear = work.linear(passes.problem, passes.run)
-    return survey(passes.problem, passes.run, linear, work.estimator, work.step("effects"))
+    return work.surveyed(passes.problem, passes.run, work.step("effects"))
 
 
 def _found(effects: tuple[Considered, ...], walks: Mapping[str, float]) -> list[DataWarning]:
@@ -356,11 +359,10 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         correlation, step = correlation_factor(run), work.step(f"pass {count}")
         quiet = with_noise_of(first, problem)  # noise that was found explains what effects would
         least = MIN_LIKELIHOOD_GAIN * correlation**2
-        linear = work.linear(quiet, run)
-        found = survey(quiet, run, linear, work.estimator, step)
+        found = work.surveyed(quiet, run, step)
         walk = None
         clean = quiet is problem and correlation == 1.0  # else the size of a score by chance is not known
-        if not clean or may_walk(quiet, linear):
+        if not clean or may_walk(quiet, work.linear(quiet, run)):
             walk = found_walks(problem, run, work.estimator, least, step, work.executor)
         chosen = () if found is None else selected(found)
         if walk is None and correlation > _LASTING and _contradiction(first, problem, work.given) > _HARDLY_NOISE:
@@ -436,14 +438,10 @@ def _with_hidden_effects(
     if not found.found:
         return after, found
 
-    def surveyed(passes: _Passes) -> Survey | None:
-        linear = work.linear(passes.problem, passes.run)
-        return survey(passes.problem, passes.run, linear, work.estimator, work.step("effects"))
-
-    shown = surveyed(after)
+    shown = work.surveyed(after.problem, after.run, work.step("effects"))
     after = replace(after, survey=shown, surveyed=after.problem)
     hidden = () if shown is None else selected(shown)
-    at_first = surveyed(before) if hidden else None
+    at_first = work.surveyed(before.problem, before.run, work.step("effects")) if hidden else None
     if at_first is None or not set(hidden) <= set(at_first.groups):
         return after, found
     problem, begun = at_first.conditioned(hidden)

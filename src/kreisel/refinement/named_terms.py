@@ -6,22 +6,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from kreisel._kernels.filter_arguments import Samples
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.reported_poses import pose_regressor
 from kreisel.fitting.terms import OFFSET_ROWS, POSE_ROWS, Terms
 from kreisel.geometry.rotation import Array, Indices, matrix
-from kreisel.inertial.effects import EFFECTS, groups_of
-from kreisel.inertial.strapdown import InertialSignal
+from kreisel.inertial.effects import EFFECTS, features_of, groups_of
 from kreisel.model.layout import group_part
 from kreisel.model.parameters import ROBOT_GROUPS
 from kreisel.model.problem import Problem
 
 OFFSET_OF = {"gyroscope": "gyro_offset", "accelerometer": "accel_offset"}
 """The offsets that effects of sensors are terms of."""
-
-_BASE_RATES, _BASE_FORCES = 4, 3
-"""Features of a prepared signal before those of effects; see `filter_arguments.Samples`."""
 
 
 def named_terms(problem: Problem, run: Fit, groups: tuple[str, ...]) -> tuple[Terms, Array]:
@@ -38,7 +33,7 @@ def named_terms(problem: Problem, run: Fit, groups: tuple[str, ...]) -> tuple[Te
     sizes = {group: group_part(group, order, problem.joints).degrees for group in groups}
     begin = dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
     updates = problem.schedule.updates
-    means, moments = _over_updates(problem, run, {g: n for g, n in sizes.items() if g in EFFECTS})
+    means, moments = _over_updates(problem, {g: n for g, n in sizes.items() if g in EFFECTS})
     function, row, parameter = [], [], []
     at = 0
     for sensor, offset in OFFSET_OF.items():
@@ -92,52 +87,36 @@ def _of_poses(problem: Problem, run: Fit, groups: tuple[str, ...]) -> Iterator[t
             yield group, robot[:, :, known.robot.part(group)]
 
 
-def _over_updates(problem: Problem, run: Fit, sizes: dict[str, int]) -> tuple[Array, Array]:
+def _over_updates(problem: Problem, sizes: dict[str, int]) -> tuple[Array, Array]:
     """Return features of effects (u, k), on average since the update before, and their moments (u, k)."""
-    updates = problem.schedule.updates
+    updates, readings = problem.schedule.updates, problem.sensor.readings
     first, last = (np.array([getattr(update, name) for update in updates]) for name in ("first", "last"))
-    readings = problem.sensor.readings.with_effects(sizes, run.parameters.sensors.effects)
-    stamps, joint = problem.sensor.readings.stamps, 0
-    sums: list[Array] = []
-    for signal in readings.chunks():
-        end = signal.begin + signal.stamps.size - 1
-        low, high = np.clip(first, joint, end), np.clip(last, joint, end)
+    counts = [sum(len(EFFECTS[g].places(sizes[g])) for g in groups_of(sizes, sensor)) for sensor in OFFSET_OF]
+    integrals, weighted = np.zeros((len(updates), sum(counts))), np.zeros((len(updates), counts[1]))
+    for chunk in readings.raw_chunks():
+        low, high = (np.clip(edge, chunk.first, chunk.last) for edge in (first, last))
         own = np.flatnonzero(high > low)
-        if not sums:
-            sums = [np.zeros((len(updates), n)) for n in _counts(signal)]
-        for total, added in zip(sums, _sums(signal, joint, low[own], high[own], stamps[last[own]]), strict=True):
-            total[own] += added
-        joint = end
-    of_rates, of_forces, weighted = sums
-    seconds = np.maximum(stamps[last] - stamps[first], 1e-9)[:, None]
-    moments = weighted - 0.5 * of_forces * seconds
-    return np.hstack([of_rates, of_forces]) / seconds, np.hstack([0.0 * of_rates, moments])
+        if own.size == 0:
+            continue
+        edges = low[own] - chunk.first, high[own] - chunk.first
+        of_rates, of_forces = (features_of(chunk.readings, sizes, sensor) for sensor in OFFSET_OF)
+        integrals[own, : counts[0]] += _sums(chunk.integrals(of_rates), *edges)
+        stamps, of_forces = chunk.own(chunk.readings.stamps[None])[0], chunk.own(of_forces)
+        between = of_forces[:, 1:] + of_forces[:, :-1]
+        between *= 0.5 * np.diff(stamps)
+        integrals[own, counts[0] :] += _sums(between, *edges)
+        until = np.zeros(stamps.size - 1)
+        for begin, end, second in zip(*edges, readings.stamps[last[own]], strict=True):
+            until[begin:end] = second
+        between *= until - 0.5 * (stamps[1:] + stamps[:-1])
+        weighted[own] += _sums(between, *edges)
+    seconds = np.maximum(readings.stamps[last] - readings.stamps[first], 1e-9)[:, None]
+    moments = weighted - 0.5 * integrals[:, counts[0] :] * seconds
+    return integrals / seconds, np.hstack([np.zeros((len(updates), counts[0])), moments])
 
 
-def _counts(signal: InertialSignal) -> tuple[int, int, int]:
-    """Return the numbers of features of effects of the gyros and, twice, of the accelerometers."""
-    forces = len(signal.samples.forces) - _BASE_FORCES
-    return len(signal.samples.integrals) - _BASE_RATES, forces, forces
-
-
-def _sums(signal: InertialSignal, joint: int, low: Indices, high: Indices, end: Array) -> Iterator[Array]:
-    """Yield integrals (u, k), from samples `low` to `high`, which is larger, of features of gyros and accelerometers.
-
-    Then those of the accelerometers' times the seconds that are left until the times `end` (u,).
-    """
-    samples: Samples = signal.samples
-    edges = np.column_stack([low, high]).ravel() - joint
-
-    def between(values: Array) -> Array:
-        inner = edges[edges < values.shape[1]]  # only the last may be the end: a sum begins at each
-        return np.asarray(np.add.reduceat(values, inner, axis=1)[:, ::2].T) if edges.size else values[:, :0].T
-
-    part = slice(joint - signal.begin, None)
-    yield between(samples.integrals[_BASE_RATES:, part])
-    stamps = samples.stamps[part]
-    forces = samples.forces[_BASE_FORCES:, part]
-    middle = 0.5 * (forces[:, 1:] + forces[:, :-1]) * np.diff(stamps)
-    yield between(middle)
-    until = np.append(np.repeat(end, np.diff(high - joint, prepend=0)), np.zeros(stamps.size - 1))[: stamps.size - 1]
-    middle *= until - 0.5 * (stamps[1:] + stamps[:-1])
-    yield between(middle)
+def _sums(values: Array, begin: Indices, end: Indices) -> Array:
+    """Return the sums (u, k) of values (k, n) from some places to others, which are larger."""
+    edges = np.column_stack([begin, end]).ravel()
+    inner = edges[edges < values.shape[1]]  # only the last may be the end: a sum begins at each
+    return np.asarray(np.add.reduceat(values, inner, axis=1)[:, ::2].T)

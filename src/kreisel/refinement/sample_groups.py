@@ -12,7 +12,7 @@ from kreisel.geometry.rotation import Array, Indices
 STEP = 0.02
 """s; readings are averaged over so long before functions are formed of them."""
 
-_TOGETHER = 1 << 16
+_TOGETHER = 1 << 13
 """Values of functions that are computed together."""
 
 

@@ -78,7 +78,7 @@ def test_features_times_the_parameters_at_their_places_are_what_is_added(sensor)
 
 def test_a_polynomial_has_three_features_for_each_power():
     assert features_of(RAW, {"gyro_polynomial": 6}, "gyroscope").shape == (6, T.size)
-    np.testing.assert_array_equal(features_of(RAW, {"gyro_polynomial": 6}, "gyroscope")[3:], W.T**3)
+    np.testing.assert_allclose(features_of(RAW, {"gyro_polynomial": 6}, "gyroscope")[3:], W.T**3, rtol=1e-14)
 
 
 def test_derivatives_do_not_reach_across_a_gap():

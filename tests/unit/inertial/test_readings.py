@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kreisel.inertial import readings as module
+from kreisel.inertial.effects import features_of
 from kreisel.inertial.readings import Readings, attitudes_at
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.inertial.strapdown import integrate_attitude, prepare
@@ -51,6 +52,23 @@ def test_stretches_cover_everything_and_some_are_spread_evenly() -> None:
     assert begins == [0, *(k * 1024 - module._REACH for k in (1, 2, 3))]
     ends = [part.begin + part.stamps.size for part in r.chunks()]
     assert ends == [*(k * 1024 + module._REACH + 1 for k in (1, 2, 3)), 4000]
+
+
+def test_raw_chunks_have_the_features_and_integrals_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_RAW_CHUNK", 700)
+    r = some()
+    sizes = {"gyro_axis_smoothing": 3, "gyro_asymmetry": 3}
+    whole = prepare(r.stamps, r.rates, r.accelerations, segments=r.segments, estimated=sizes).samples
+    features, integrals, last = [], [], 0
+    for chunk in r.raw_chunks():
+        own = features_of(chunk.readings, sizes, "gyroscope")
+        assert chunk.first == last
+        last = chunk.last
+        features.append(chunk.own(own)[:, :-1])
+        integrals.append(chunk.integrals(own))
+    assert last == 3999
+    np.testing.assert_array_equal(np.hstack(features), whole.rates[4:, :-1])
+    np.testing.assert_array_equal(np.hstack(integrals), whole.integrals[4:])
 
 
 @pytest.mark.usefixtures("short")

@@ -21,7 +21,7 @@ def found():
     problem = small_problem()
     run = KalmanFilter().refit(problem, KalmanFilter().fit(problem))
     estimator = KalmanFilter()
-    return survey(problem, run, estimator.linearise(problem, run), estimator)
+    return survey(problem, run, lambda: estimator.linearise(problem, run), estimator)
 
 
 def filtered(problem, groups):
