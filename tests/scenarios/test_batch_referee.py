@@ -41,17 +41,17 @@ class Passes:
         for _ in range(6):
             self.run = self.refit(self.problem, self.run)
 
-    def refit(self, problem, run, progress=None):
+    def refit(self, problem, near, gate=1.0, progress=None):
         n, layout = len(problem.parameter_names), problem.layout
         mean = self.begun.mean.copy()
         for group in problem.groups:
-            mean[layout.stored(group)] = run.parameters.stored(group)
+            mean[layout.stored(group)] = near.parameters.stored(group)
         P = self.begun.factor @ self.begun.factor.T
-        prior, found = P[:n, :n].copy(), 9.0 * run.belief.covariance[:n, :n]
+        prior, found = P[:n, :n].copy(), 9.0 * near.belief.covariance[:n, :n]
         P[:n, :n] = prior @ np.linalg.solve(prior + found, found)
         sd = np.sqrt(np.diag(P))
         begun = Belief(mean, sd[:, None] * np.linalg.cholesky(0.5 * (P + P.T) / np.outer(sd, sd)))
-        return with_stated_prior(problem, self.once(problem, run.parameters, begun), begun)
+        return with_stated_prior(problem, self.once(problem, near.parameters, begun), begun)
 
     def once(self, problem, start, begun):
         return run_filter(problem, start, gate=np.inf, belief=begun)

@@ -53,19 +53,16 @@ def test_recordings_fit_together_and_the_truth(mount):
 
 
 @pytest.mark.slow
-def test_three_recordings_are_worth_one_of_the_same_length():
+def test_recordings_together_are_worth_more_than_the_sum_of_their_information():
     truth, _ = recorded(1)
     together = [recorded(run)[1] for run in (1, 2, 3)]
     joint = calibrate_joint(together, common=("robot", "site", "reference", "offsets", "mount")).calibration
-    _, long = recorded(4, seconds=180.0)
-    one = calibrate(long)
     assert max(worst(joint, truth).values()) < 4.5
-    for a, b in (
-        (joint.sensor_sd.K_omega, one.sensor_sd.K_omega),
-        (joint.sensor_sd.K_a, one.sensor_sd.K_a),
-        (joint.sensor_sd.lever_arms, one.sensor_sd.lever_arms),
-    ):
-        assert np.mean(a) / np.mean(b) == pytest.approx(1.0, abs=0.15)
+    each = [calibrate(one) for one in together]
+    for name in ("K_omega", "K_a", "lever_arms"):
+        # offsets and mount, which each finds for itself, are common
+        alone = np.sum([getattr(one.sensor_sd, name) ** -2.0 for one in each], axis=0) ** -0.5
+        assert 0.8 < np.mean(getattr(joint.sensor_sd, name)) / np.mean(alone) < 1.0
 
 
 @pytest.mark.slow
@@ -106,7 +103,7 @@ def test_a_small_turn_of_the_mount_is_noticed_behind_the_errors_that_recordings_
         }  # fmt: skip
         return simulate(parse_cell(cell, Path("CELL.toml")), Path(f"run{run}"))[1]
 
-    recordings = [turned(1, 0.1), *(turned(run, 0.0) for run in (2, 3))]
+    recordings = [turned(1, 0.15), *(turned(run, 0.0) for run in (2, 3))]
     assert calibrate_joint(recordings).calibration.accepted
     stated = calibrate_joint(recordings, common=("robot", "site", "reference", "mount")).calibration
     assert not stated.accepted

@@ -85,6 +85,18 @@ def test_a_turntables_clock_is_that_by_which_most_of_its_turns_agree():
     assert np.abs(scores(truth, found)).max() < 4.0
 
 
+def test_a_turntables_clock_may_be_a_percent_off():
+    how = HandTurns("fog-mems", attitudes=12, laid="turntable")
+    truth, recording = hand_turned(how, np.random.default_rng(83))
+    table = recording.table
+    stamps = table.stamps_ns[0] + (1.01 * (table.stamps_ns - table.stamps_ns[0])).astype(np.int64) + 3_000_000_000
+    found = calibrate_static(check_streams(replace(recording, table=replace(table, stamps_ns=stamps))))
+    assert found.calibration.accepted
+    assert np.abs(scores(truth, found)).max() < 4.0
+    assert any("differ by +1.0 %" in warning.message for warning in found.warnings)
+    assert 0.009 < np.diag(found.calibration.sensor_sd.K_omega).min() < 0.011
+
+
 @pytest.mark.slow
 def test_offsets_that_wander_during_long_turns_are_errors_of_these_turns():
     """Flicker noise of 20 deg/h for half a minute is more than any error of the encoder."""

@@ -50,6 +50,10 @@ device by hand about one axis twice within three degrees."""
 _PEAKS = 20
 """Shifts of a table's clock that are tried."""
 
+_RATIOS = tuple(1.0 + 5e-4 * k for k in range(-40, 41) if k)
+"""Other ratios of a table's seconds to the IMU's that are tried. Chosen: oscillators of cheap sensors are off by a
+percent, and half a step moves a turn of ten minutes by less than it lasts."""
+
 _SAME = 0.15
 """Share by which the way by the gyros may differ from the table's; otherwise the device was moved, too."""
 
@@ -222,7 +226,7 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
     -----
     Of the clocks that are possible that one is taken with which most turns of the table agree with the gyros.
     """
-    found = [_agreeing(problem, table, seconds) for seconds in _clocks(problem.imu, table)]
+    found = [_agreeing(problem, table, seconds, ratio) for seconds, ratio in _clocks(problem.imu, table)]
     best = max((one for one in found if one is not None), key=lambda one: one.share * one.node.size, default=None)
     if best is None:
         raise RecordingError(
@@ -240,7 +244,14 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
     axis = np.median(axes / np.linalg.norm(axes, axis=1, keepdims=True), axis=0)
     axis /= np.linalg.norm(axis)
     turns = TableTurns(node, angle[node], axis, _RATE_SCALE if table.by_rate else 0.0, _reversed(angle)[node])
-    return Chosen("turntable", replace(problem, known=(turns,)), _with_turns(start, way[node], turns, C[node]))
+    begun = _with_turns(start, way[node], turns, C[node])
+    off = best.ratio - 1.0
+    text = (
+        f"the clocks of table and IMU differ by {100.0 * off:+.1f} %, and it is not known which is right: the gyros' "
+        "scale factors are uncertain by as much"
+    )
+    said = (DataWarning("clocks", text),) if off else ()
+    return Chosen("turntable", replace(problem, known=(turns,)), begun, warnings=said, time_base_sd=abs(off))
 
 
 def _reversed(angle: Array) -> Array:
@@ -257,7 +268,8 @@ def _reversed(angle: Array) -> Array:
 class _Agreement:
     """Standstills by a clock of the table, its angles between them (M - 1,), and its turns that the gyros confirm.
 
-    `way`: integrals of the rates (M - 1, 3); `share`: of the turns, those that are confirmed.
+    `way`: integrals of the rates (M - 1, 3); `share`: of the turns, those that are confirmed; `ratio`: of the table's
+    seconds to the IMU's.
     """
 
     problem: RestProblem
@@ -266,12 +278,13 @@ class _Agreement:
     way: Array
     node: Indices
     share: float
+    ratio: float
 
 
-def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array) -> _Agreement | None:
+def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array, ratio: float) -> _Agreement | None:
     """Return how a table's turns agree with the gyros; None where it stands still too seldom.
 
-    seconds: the table's, at every sample of the IMU.
+    seconds: the table's, at every sample of the IMU; ratio: of these to the IMU's.
     """
     rests = problem.rests
     begin, end = (np.interp(seconds[at], table.seconds, table.angles) for at in (rests.first, rests.last - 1))
@@ -286,27 +299,39 @@ def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array) -> _Agre
     turned = np.abs(angle) > _TURNED
     agrees = turned & (np.abs(np.linalg.norm(way, axis=1) - np.abs(angle)) < _SAME * np.abs(angle))
     share = float(np.count_nonzero(agrees)) / max(float(np.count_nonzero(turned)), 1.0)
-    return _Agreement(problem, start, angle, way, np.flatnonzero(agrees), share)
+    return _Agreement(problem, start, angle, way, np.flatnonzero(agrees), share, ratio)
 
 
-def _clocks(imu: ImuSamples, table: TableAngles) -> list[Array]:
-    """Return the table's seconds at every sample of the IMU, (n,), by every clock that is possible.
+def _clocks(imu: ImuSamples, table: TableAngles) -> list[tuple[Array, float]]:
+    """Return the table's seconds at every sample of the IMU, (n,), by every clock that is possible, with its ratio.
 
     By the stamps as they are, and by the shifts with which both rates are most alike: turns of a device that is laid
-    down anew may be larger than the table's.
+    down anew may be larger than the table's. Then the same by the ratio of both clocks with which they are most alike.
     """
     stamped = (imu.stamps_ns - table.stamps_ns[0]) * 1e-9
-    out = [stamped] if stamped[-1] > 0.0 and stamped[0] < table.seconds[-1] else []
-    t = np.arange(0.0, float(imu.seconds[-1]), _STEP)
+    out = [(stamped, 1.0)] if stamped[-1] > 0.0 and stamped[0] < table.seconds[-1] else []
     tau = np.arange(0.0, float(table.seconds[-1]), _STEP)
-    x = np.linalg.norm(imu.rates - np.median(imu.rates, axis=0), axis=1)
-    x = np.interp(t, imu.seconds, x)
-    y = np.abs(np.gradient(np.interp(tau, table.seconds, table.angles), _STEP)) if tau.size > 1 else np.zeros(1)
-    size = t.size + tau.size
+    turning = np.abs(np.gradient(np.interp(tau, table.seconds, table.angles), _STEP)) if tau.size > 1 else np.zeros(1)
+    rate = np.linalg.norm(imu.rates - np.median(imu.rates, axis=0), axis=1)
+
+    def seconds_alike(ratio: float) -> tuple[float, list[tuple[Array, float]]]:
+        own = ratio * imu.seconds
+        turned = np.interp(np.arange(0.0, float(own[-1]), _STEP), own, rate)
+        height, shifts = _shifts(turned, turning)
+        return height, [(own - _STEP * shift, ratio) for shift in shifts]
+
+    same = seconds_alike(1.0)
+    other = max((seconds_alike(ratio) for ratio in _RATIOS), key=lambda one: one[0])
+    return [*out, *same[1], *(other[1] if other[0] > same[0] else [])]
+
+
+def _shifts(x: Array, y: Array) -> tuple[float, Indices]:
+    """Return how alike two series are at most, and the shifts, in steps, with which they are most alike."""
+    size = x.size + y.size
     alike = np.fft.irfft(np.fft.rfft(x - x.mean(), size) * np.conj(np.fft.rfft(y - y.mean(), size)), size)
     peaks = np.flatnonzero((alike > np.roll(alike, 1)) & (alike >= np.roll(alike, -1)))
     best = np.union1d(peaks[np.argsort(-alike[peaks])[:_PEAKS]], np.argmax(alike))
-    return [*out, *(imu.seconds - _STEP * np.where(best < t.size, best, best - size)[:, None])]
+    return float(alike.max()), np.where(best < x.size, best, best - size)
 
 
 def _with_turns(start: CellParameters, way: Array, turns: TableTurns, C: Array) -> CellParameters:
