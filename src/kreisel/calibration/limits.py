@@ -138,7 +138,7 @@ def read_limits(path: Path) -> Limits:
         content = tomllib.loads(read_text(path))
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror}", file=path) from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise RecordingError(f"not valid TOML: {error}; write [limits], gyro_bias_deg_h = 20.0", file=path) from error
     table = content.get("limits")
     if not isinstance(table, dict) or set(content) != {"limits"}:
@@ -155,12 +155,16 @@ def read_limits(path: Path) -> Limits:
 def _three(name: str, value: object, path: Path) -> tuple[float, float, float]:
     """Return the limits of a quantity's three numbers."""
     own = value if isinstance(value, list) else [value] * 3
-    if len(own) == 3 and all(isinstance(x, int | float) and not isinstance(x, bool) and x > 0.0 for x in own):
-        x, y, z = map(float, own)
-        if np.isfinite([x, y, z]).any():
-            return x, y, z
+    try:
+        limits = [float(x) for x in own if isinstance(x, int | float) and not isinstance(x, bool) and x > 0.0]
+    except OverflowError:
+        limits = []
+    if len(own) == len(limits) == 3 and np.isfinite(limits).any():
+        x, y, z = limits
+        return x, y, z
     raise RecordingError(
-        f"limits.{name} = {value!r}: expected a number above zero, or three, inf for an axis without a limit", file=path
+        f"limits.{name} = {value!r:.40}: expected a number above zero, or three, inf for an axis without a limit",
+        file=path,
     )
 
 

@@ -54,6 +54,8 @@ def convert(
         recording = load(source, reference, chosen, columns=columns, progress=show)
     read = imu_reader(source) if len(names) > 1 else None
     write(recording, target, {} if read is None else {name: read(name)[0] for name in names[1:]})
+    for warning in recording.warnings:
+        typer.echo(f"· {warning}")
     typer.echo(f"written: {target}" + (f", {len(names)} IMUs" if len(names) > 1 else ""))
 
 

@@ -12,9 +12,10 @@ from kreisel.geometry.rotation import Array, skew
 
 FORMULA = {
     "readings": (
-        "d_w = g_sensitivity a' + g_squared a'^2 + asymmetry_w |w'|, d_a = asymmetry_a |a'| + delay da'/dt - smoothing "
-        "d^2a'/dt^2, and to either its temperature (T - T_0) + scale_temperature x' (T - T_0) with T_0 = "
-        "recording.temperature_c; all of the raw readings w' and a', element by element, each where the file has it"
+        "d_w = g_sensitivity a' + g_squared a'^2, d_a = delay da'/dt - smoothing d^2a'/dt^2, and to either its "
+        "asymmetry |x'| + cubic x'^3 + axis_delay dx'/dt - axis_smoothing d^2x'/dt^2 + temperature (T - T_0) + "
+        "scale_temperature x' (T - T_0) with x' = w' or a' and T_0 = recording.temperature_c; all of the raw readings "
+        "w' and a', element by element, each where the file has it"
     ),
     "angular_rate": "omega_ib_b = K_omega (w' + k_w0 + sum_i k_wi w'^i + d_w), powers element by element",
     "specific_force": (

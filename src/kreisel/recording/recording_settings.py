@@ -270,7 +270,7 @@ def read_settings(path: Path) -> RecordingSettings:
         ) from error
     except UnicodeDecodeError as error:
         raise RecordingError(f"not UTF-8 text (byte {error.start}); save it in UTF-8", file=path) from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise RecordingError(
             f'not valid TOML: {error}; write tables and keys as in [imu], grade = "fog"', file=path
         ) from error

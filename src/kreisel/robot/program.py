@@ -67,7 +67,7 @@ def read_program(path: Path, arm: Arm) -> Program:
         content = tomllib.loads(read_text(path))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise SettingsError(
             f"{path}: not valid TOML: {error}; `kreisel simulate --example-program` prints one"
         ) from error

@@ -286,7 +286,7 @@ def read_cell(path: Path) -> Cell:
         content = tomllib.loads(read_text(path))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise SettingsError(f"{path}: not valid TOML: {error}; `kreisel simulate --example` prints a cell") from error
     return parse_cell(content, path)
 

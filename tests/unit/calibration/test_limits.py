@@ -90,3 +90,10 @@ def test_an_axis_without_a_limit_is_not_judged():
     (one,) = judged(own, Limits({"accel_bias_mg": (5.0, 50.0, 5.0)}))
     assert one.decision is Decision.FAILS
     assert one.share == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("zeros", [400, 6000])
+def test_numbers_that_no_computer_holds_are_named(tmp_path, zeros):
+    (tmp_path / "limits.toml").write_text("[limits]\ngyro_bias_deg_h = 1" + zeros * "0", encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"gyro_bias_deg_h = 10{10}|not valid TOML"):
+        limits_named(str(tmp_path / "limits.toml"))

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
+from kreisel.inertial.effects import EFFECTS
 from kreisel.inertial.sensor_model import (
+    FORMULA,
     SensorParameters,
     SizeEffect,
     correct_specific_force,
     size_effect,
 )
+from kreisel.model.groups import group_named
 
 from ...navigation import corrected
 from ...oracle.motion import AnalyticMotion, inertial_truth, raw_readings
@@ -66,3 +69,9 @@ def test_printed_form_is_the_printed_equation():
     p = SensorParameters(np.eye(3), np.zeros((1, 3)), K, np.zeros((1, 3)), lever)
     ours = correct_specific_force(raw[None], w[None], dw[None], p, SizeEffect.FOX2005)
     np.testing.assert_allclose(ours[0], printed, atol=1e-13)
+
+
+def test_the_formula_names_every_effect_of_the_readings():
+    paths = (group_named(group).path.split(".") for group in EFFECTS)
+    names = {name for _, name in paths} - {"polynomial", "gauss_markov"}  # k_wi, and what is zero on average
+    assert {name for name in names if name not in FORMULA["readings"]} == set()
