@@ -238,8 +238,10 @@ _SEGMENT, _BANDS, _TONES = 128, 8, 0.7
 density by differences below which the quietest band shows that the rest are tones."""
 
 
-def white_density(values: Array, interval: float) -> Array:
+def white_density(values: Array, interval: float, density: Array | None = None) -> Array:
     """Return the density (3,) of the white noise in sampled signals (n, 3), without tones of a shaken sensor.
+
+    density: the `high_frequency_density`, if it is known.
 
     Third differences show mostly frequencies above a quarter of the sample rate. Tones there, such as those of rotors,
     are no noise: they do not add up in an integral. Where a spectrum has a much quieter band, its density is taken.
@@ -248,7 +250,7 @@ def white_density(values: Array, interval: float) -> Array:
     -----
     Welch's spectrum: means of squared Fourier coefficients of segments that overlap by half, with a Hann window.
     """
-    density = high_frequency_density(values, interval)
+    density = high_frequency_density(values, interval) if density is None else density
     n = (len(values) - _SEGMENT) // (_SEGMENT // 2) + 1
     if n < _BANDS:
         return density

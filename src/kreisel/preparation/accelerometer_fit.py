@@ -142,10 +142,10 @@ def _solve(A: Array, target: Array, R: Array, g: Array, gravity: float) -> tuple
         prior[15:18] = gravity * along
         precision = np.diag(np.concatenate([np.full(9, 0.2**-2), np.full(3, 1.0), np.full(3, 0.3**-2), np.zeros(3)]))
         precision[15:18, 15:18] += np.outer(along, along) / 1e-4**2 + np.eye(3) / (0.5 * gravity) ** 2
-        W = weight[:, None, None] * A
+        weighted = (weight[:, None, None] * A).reshape(-1, x.size).T
         # windows overlap by half or more and share their noise
-        normal = np.einsum("nij,nik->jk", W, A) / (2.0 * variance) + precision
-        right = np.einsum("nij,ni->j", W, target) / (2.0 * variance) + precision @ prior
+        normal = weighted @ A.reshape(-1, x.size) / (2.0 * variance) + precision
+        right = weighted @ target.ravel() / (2.0 * variance) + precision @ prior
         x = np.linalg.solve(normal, right)
         residual = np.linalg.norm(target - A @ x, axis=1)
         variance = max(vector_scale(residual) ** 2, 1e-10)

@@ -33,6 +33,9 @@ noise."""
 
 _SENSORS: dict[Literal["gyro", "accel"], str] = {"gyro": "gyros", "accel": "accelerometers"}
 
+_LEAST: dict[Literal["gyro", "accel"], float] = {"gyro": 1e-7, "accel": 1e-6}
+"""Least noise densities, rad/s and m/s^2 per root of Hz. Chosen: below those of any sensor."""
+
 MISSTATED = 4.0
 """Factor by which readings at rest are noisier than stated only if what is stated is of another device."""
 
@@ -84,13 +87,8 @@ def imu_noise_of(recording: Recording) -> ImuNoise:
         name: ratios[name] for name, own in stated.items() if own.given and own.density and ratios[name] > DOUBTFUL
     }
     stated |= {name: replace(stated[name], density=at_rest[name]) for name in doubtful}
-    shaken, observed = (
-        {
-            name: np.maximum(np.median([density(p, imu.interval) for p in excerpt(values[name])], axis=0), least)
-            for name, least in (("gyro", 1e-7), ("accel", 1e-6))
-        }
-        for density in (high_frequency_density, white_density)
-    )
+    densities = {name: _densities(values[name], imu.interval, least) for name, least in _LEAST.items()}
+    shaken, observed = ({name: found[k] for name, found in densities.items()} for k in range(2))
     gyro, accel = (stated[name] for name in _SENSORS)
     return ImuNoise(
         gyro=_density(gyro, observed["gyro"]),
@@ -159,6 +157,15 @@ def _density(stated: _Stated, observed: Array) -> Array:
     if stated.given and stated.density:
         return np.full(3, stated.density)
     return np.maximum(observed, stated.density or 0.0)
+
+
+def _densities(values: Array, interval: float, least: float) -> tuple[Array, Array]:
+    """Return the density (3,) of readings (n, 3) at high frequencies, and of their white noise, at least `least`."""
+    parts = excerpt(values)
+    high = [high_frequency_density(part, interval) for part in parts]
+    white = [white_density(part, interval, known) for part, known in zip(parts, high, strict=True)]
+    shaken, observed = (np.maximum(np.median(found, axis=0), least) for found in (high, white))
+    return shaken, observed
 
 
 def _at_rest(values: Array, interval: float) -> float:
