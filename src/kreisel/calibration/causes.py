@@ -141,7 +141,8 @@ def _site(estimate: Estimate, latitude: LatitudeCheck | None) -> list[Cause]:
     out = []
     if latitude is not None and latitude.doubtful:
         text = f"the stated latitude of {latitude.stated_deg:.4g} deg; the gyros show {latitude.found_deg:.1f} deg"
-        out.append(Cause("stated latitude", text, 0.5 * latitude.score**2))
+        mistaken = sum(e.gain for e in estimate.considered if e.included and e.group == "gyro_g_sensitivity")
+        out.append(Cause("stated latitude", text, 0.5 * latitude.score**2 + mistaken))
     if "gravity" in estimate.problem.layout:
         score = float(prior_scores(estimate.problem, estimate.run, "gravity", estimate.deviation).max())
         if score > MAX_SCORE:

@@ -19,6 +19,10 @@ from kreisel.units import STANDARD_GRAVITY
 _MIMICS, _AS_GOOD = "gyro_g_sensitivity", 10.0
 """The effect that a wrong latitude looks like, and by how much the likelihood must fall without it to be accepted."""
 
+_BY_CHANCE = 5.0
+"""Logarithm of the ratio of evidences above which an effect is the same in all axes not by chance. Chosen: one stated
+latitude in a hundred is wrong."""
+
 _NO_LATITUDE, _VAGUE_DEG = 9.0, 10.0
 """Square of the deviations by which a rotation of the Earth's size may miss what is found, and deviation (deg) of a
 latitude, beyond which it is not the latitude that is found."""
@@ -48,10 +52,28 @@ def check_latitude(found: Estimate, progress: Progress | None = None) -> Latitud
         simpler = _with_free_earth_rate(without_groups(problem, (_MIMICS,)), plain)
         other = estimator.fit(simpler, progress=step)
         if other.history.log_likelihood.sum() > fit.history.log_likelihood.sum() - _AS_GOOD:
-            check = _check_of(simpler, other, stated, larger, _by_effect(problem))
+            isotropic = _isotropic(free, fit) > _BY_CHANCE
+            check = _check_of(simpler, other, stated, larger, 0.0 if isotropic else _by_effect(problem))
             if check is not None:
                 return check
     return _check_of(free, fit, stated, larger)
+
+
+def _isotropic(free: Problem, fit: Fit) -> float:
+    """Return the logarithm of how much likelier the effect is the same in all axes than as its prior has it.
+
+    The ratio of the posterior density of its eight other components to their prior one, both at zero (Savage and
+    Dickey). Gyros respond to acceleration by nine numbers, which are no multiple of the unit matrix by chance.
+    """
+    part = free.layout[_MIMICS]
+    value, P = fit.belief.mean[free.layout.stored(_MIMICS)], fit.belief.covariance[part, part]
+    others = np.linalg.svd(np.eye(3).reshape(1, 9))[2][1:]
+    if value.size != others.shape[1]:
+        return -np.inf
+    found, before = (others @ C @ others.T for C in (P, free.prior.covariance[_MIMICS]))
+    off = others @ value
+    more = np.linalg.slogdet(before)[1] - np.linalg.slogdet(found)[1]
+    return float(0.5 * (more - off @ np.linalg.solve(found, off)))
 
 
 def _by_effect(problem: Problem) -> float:

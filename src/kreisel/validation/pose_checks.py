@@ -44,7 +44,7 @@ _QUICK = (5.0, 10.0)
 
 def stamped_poses(reference: ReferencePoses) -> Stamped:
     """Return the poses' stamps, with the rates that are usual for poses."""
-    return Stamped(reference.stamps_ns, reference.source, "poses", 0.01, 20e3, reference.units.time)
+    return Stamped(reference.stamps_ns, reference.source, "poses", 0.01, 20e3, reference.units.time, uneven=True)
 
 
 def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses, list[DataWarning]]:

@@ -44,6 +44,11 @@ _MAX_RESTARTS, _MIN_PART_NS = 3, 8_000_000_000
 _SET_BACK, _SET_NS, _FAR_NS = 100.0, 600e9, 4e18
 """Steps back, in usual steps, and steps forward, ns, by which a clock was set; differences that would overflow."""
 
+_SHORT, _ASKED, _GAP, _WITHIN, _LONGER = 10.0, 0.1, 4.5, 1.3, 8
+"""Steps of stamps of a sensor that is asked more often than it measures: percentile that is a usual one; scatter, and
+length of a gap, in usual steps; range of the stamps beside a line, in steps (1 without scatter); and number of longer
+steps. Chosen: of eight steps at random places, one in 20 000 draws lies so evenly."""
+
 _LAG = 16  # samples over which the interval is measured: few enough that usually none of them is missing
 _TRUE_STAMPS = 0.5
 """Slope of the readings' deviations against those that true stamps would cause: 1 if stamps are true, 0 if sampling is
@@ -90,13 +95,21 @@ def with_restarts(imu: ImuSamples, *, moved: bool) -> ImuSamples:
     return replace(imu, stamps_ns=ascending, restarts_ns=ascending[places])
 
 
-def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
-    """Return the samples with stamps of regular sampling, if they were sampled regularly, and the warnings about it."""
+def regularly_sampled(imu: ImuSamples, *, repeats: bool = False) -> tuple[ImuSamples, list[DataWarning]]:
+    """Return the samples with stamps of regular sampling, if they were sampled regularly, and the warnings about it.
+
+    repeats: whether samples that only repeat the one before were left out. A sensor was then asked more often than it
+    measures, and no sample is missing where the steps of the stamps are twice as long.
+    """
     stamps = imu.stamps_ns
     if stamps.size < MIN_PART:
         return imu, []
     seconds = (stamps - stamps[0]) * 1e-9
-    if not np.isfinite(seconds).all() or _even(seconds) or _repeated_rows(imu):
+    if not np.isfinite(seconds).all() or _repeated_rows(imu):
+        return imu, []
+    if (polled := _polled(seconds)) is not None:
+        return _on_lines(imu, polled, asked=repeats)
+    if _even(seconds):
         return imu, []
     mean = float(seconds[-1] / (seconds.size - 1))
     if not 5e-5 < mean < 0.05:
@@ -111,9 +124,21 @@ def regularly_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
         if line is None:
             return imu, []
         lines.append((slice(begin, end), line))
+    return _on_lines(imu, lines)
+
+
+def _on_lines(
+    imu: ImuSamples, lines: list[tuple[slice, _Line]], *, asked: bool = False
+) -> tuple[ImuSamples, list[DataWarning]]:
+    """Return the samples with the stamps of lines, if the readings do not contradict, and the warnings about it.
+
+    asked: whether it is known that the samples were taken evenly.
+    """
+    stamps = imu.stamps_ns
+    seconds = (stamps - stamps[0]) * 1e-9
     late = np.concatenate([seconds[part] - line.stamps for part, line in lines])
     interval = float(np.median([line.interval for _, line in lines]))
-    if _spread(late) < EXACT * interval or _samples_follow_stamps(imu, lines):
+    if _spread(late) < EXACT * interval or (not asked and _samples_follow_stamps(imu, lines)):
         return imu, []
     moved = np.concatenate([line.stamps for _, line in lines])
     ns = stamps[0] + np.round(moved * 1e9).astype(np.int64)
@@ -165,6 +190,30 @@ def _even(seconds: Array) -> bool:
         return False
     whole = np.maximum(np.round(steps / usual), 1.0)
     return bool(np.mean(whole) < 2.0 and np.abs(steps - whole * usual).max() < EXACT * usual)
+
+
+def _polled(seconds: Array) -> list[tuple[slice, _Line]] | None:
+    """Return the lines through stamps of a sensor that is asked more often than it measures, or None.
+
+    Its stamps are those of the asking, and some steps are longer than others, so evenly that the stamps stay within one
+    step of the asking beside a line; where samples are lost at random, they depart from it by more, the longer.
+    """
+    steps = np.diff(seconds)
+    asked = float(np.median(steps[steps < 1.5 * np.percentile(steps, _SHORT)]))
+    if asked <= 0.0 or np.abs(steps - np.round(steps / asked) * asked).max() > _ASKED * asked:
+        return None
+    edges = [0, *(np.flatnonzero(steps > _GAP * asked) + 1).tolist(), seconds.size]
+    lines, longer = [], 0
+    for begin, end in pairwise(edges):
+        t, number = seconds[begin:end], np.arange(end - begin)
+        if t.size < MIN_PART:
+            return None
+        slope, first = np.polyfit(number, t, 1)
+        if float(np.ptp(t - first - slope * number)) > _WITHIN * asked:
+            return None
+        lines.append((slice(begin, end), _Line(number, float(first), float(slope))))
+        longer += int(np.count_nonzero(np.diff(t) > 1.5 * asked))
+    return lines if longer >= _LONGER else None
 
 
 def _repeated_rows(imu: ImuSamples) -> bool:

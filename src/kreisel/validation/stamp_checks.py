@@ -125,6 +125,8 @@ class Stamped:
         Hz; rates at which such a stream comes.
     unit
         Unit of the stamps that the header states, None where it states none.
+    uneven
+        Whether such a stream may come at several rates: poses at rest and in motion.
     """
 
     stamps: Stamps
@@ -133,6 +135,7 @@ class Stamped:
     slowest: float
     fastest: float
     unit: str | None = None
+    uneven: bool = False
 
     @property
     def name(self) -> str:
@@ -175,13 +178,14 @@ def check_rate(stream: Stamped, other: Stamped | None = None) -> None:
     usual = stream.step
     short = (steps > 1.6 * usual) & (steps < 100.0 * float(np.mean(steps)))
     lost = float(np.sum(steps[short] / usual - 1.0))
-    if lost > 0.5 * steps.size and np.count_nonzero(short) > 0.02 * steps.size:
+    possible = stream.comes_at_such_a_rate()
+    if not (stream.uneven and possible) and lost > 0.5 * steps.size and np.count_nonzero(short) > 0.02 * steps.size:
         raise RecordingError(
             f"stamps come in bursts: the usual step is {usual * 1e-6:.4g} ms, the mean {np.mean(steps) * 1e-6:.4g} ms. "
             "They seem to be times of arrival; record the sensor's own stamps, or check for lost samples",
             file=stream.source,
         )
-    if not stream.comes_at_such_a_rate():
+    if not possible:
         raise stream.error(
             f"stamps say {1e9 / usual:.6g} {stream.what} a second, expected {stream.slowest:g} to {stream.fastest:g}"
             f"{_unit_remedy(stream, other)}"

@@ -3,15 +3,17 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from kreisel.calibration.latitude_check import SEEN, _compared, _with_free_earth_rate, check_latitude
+from kreisel.calibration.latitude_check import SEEN, _compared, _isotropic, _with_free_earth_rate, check_latitude
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.problem import usual_covariance, with_groups
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
 
@@ -110,6 +112,31 @@ def test_a_wrong_latitude_does_not_change_what_the_readings_show(wrong):
     assert found.stated_deg == pytest.approx(wrong)
     assert found.found_deg == pytest.approx(right.found_deg, abs=0.3 * right.deviation_deg)
     assert found.score > 6.0
+
+
+def test_a_wrong_latitude_is_no_response_to_acceleration_that_is_the_same_in_all_axes():
+    problem, _ = quiet_cell(-TRUE)
+    group = "gyro_g_sensitivity"
+    larger = with_groups(problem, (group,), {group: usual_covariance(group, problem)})
+    larger = replace(larger, prior=replace(larger.prior, likely=(group,)))
+    fit = KalmanFilter().fit(larger)
+    G = fit.parameters.sensors.effects[group].reshape(3, 3)
+    assert np.trace(G) / 3.0 < -6e-6  # twice the Earth's vertical rate over gravity is 1.1e-5
+    found = check_latitude(estimate_of(larger, fit))
+    assert abs(found.found_deg - TRUE) < 4.0 * found.deviation_deg
+    assert found.doubtful
+
+
+@pytest.mark.parametrize(("off", "same"), [(0.3, True), (8.0, False)])
+def test_numbers_that_differ_by_their_deviations_are_the_same_in_all_axes(off, same):
+    G = 20.0 * np.eye(3) + off * np.random.default_rng(5).normal(size=(3, 3))
+    layout = type("Layout", (), {"__getitem__": lambda *_: slice(0, 9), "stored": lambda *_: slice(0, 9)})()
+    free = SimpleNamespace(layout=layout, prior=SimpleNamespace(covariance={"gyro_g_sensitivity": 100.0 * np.eye(9)}))
+    fit = SimpleNamespace(belief=SimpleNamespace(mean=G.ravel(), covariance=np.eye(9)))
+    ratio = _isotropic(free, fit)
+    off_line = G - np.trace(G) / 3.0 * np.eye(3)
+    assert ratio == pytest.approx(8 * np.log(10.0) - 0.5 * np.sum(off_line**2))
+    assert (ratio > 5.0) == same
 
 
 def test_without_a_latitude_or_without_north_there_is_nothing_to_check():

@@ -20,6 +20,7 @@ from kreisel.robot import description, kinematics
 from kreisel.units import DEG, STANDARD_GRAVITY
 from kreisel.validation.checks import check_streams
 from kreisel.validation.joint_checks import angles_at
+from kreisel.validation.stamp_checks import Stamped, check_rate
 
 IMU, POSE = Path("run/imu0/data.csv"), Path("run/pose0/data.csv")
 RATE, POSE_RATE, SECONDS = 200.0, 80.0, 12.0
@@ -224,6 +225,16 @@ def test_one_unit_is_proposed_that_fits_all_whatever_the_header_says(
     broken = replace(part, stamps_ns=stamps, units=HeaderUnits(time=stated))
     said = message(replace(r, **{stream: broken}))
     assert f"the header says [{stated}], but they look like [{true}]: write '#timestamp [{true}]'" in said
+
+
+def test_poses_may_come_more_often_at_rest_than_in_motion() -> None:
+    steps = np.where(np.arange(400) % 100 < 80, 10_000_000, 500_000_000)
+    poses = Stamped(np.cumsum(steps), Path("pose0/data.csv"), "poses", 0.01, 20e3, uneven=True)
+    check_rate(poses)
+    with pytest.raises(RecordingError, match="bursts"):
+        check_rate(replace(poses, uneven=False))
+    with pytest.raises(RecordingError, match="bursts"):  # 100 000 a second
+        check_rate(replace(poses, stamps=np.cumsum(np.where(steps > 1e8, steps, 10_000))))
 
 
 def test_rate_and_duration_propose_the_same() -> None:

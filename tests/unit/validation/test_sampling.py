@@ -147,3 +147,30 @@ def test_stamps_of_poses_that_are_exact_have_no_lateness(lost):
     kept, said = with_lateness(poses((10_000_000 * np.arange(2000))[keep]))
     assert kept.lateness == 0.0
     assert said == []
+
+
+@pytest.mark.parametrize(
+    ("rate", "asked", "repeats"), [(187.3, 200.0, False), (104.0, 200.0, False), (199.9, 200.0, True)]
+)
+def test_a_sensor_that_is_asked_more_often_than_it_measures_has_lost_nothing(rate, asked, repeats):
+    """Stamps are those of the asking: steps of 5 ms, and sometimes of 10 ms."""
+    taken = np.arange(round(60.0 * rate) if rate < 199.0 else 40_000) / rate
+    stamped = np.ceil(asked * taken + 0.3) / asked
+    found, (warning,) = regularly_sampled(samples(taken, stamped), repeats=repeats)
+    assert_recovered(found, taken, 3e-4)
+    assert "missing" not in str(warning)
+    assert 0.2 / asked < found.lateness < 0.35 / asked
+
+
+def test_samples_that_are_lost_evenly_stay_lost():
+    number = np.flatnonzero(np.arange(COUNT) % 15 != 7)
+    imu = samples(INTERVAL * number, INTERVAL * number, noise=1e-5)
+    assert regularly_sampled(imu)[0] is imu
+
+
+def test_samples_that_are_lost_at_random_stay_lost():
+    for seed in range(20):
+        lost = np.random.default_rng(seed).choice(COUNT, 12, replace=False)
+        number = np.setdiff1d(np.arange(COUNT), lost)
+        imu = samples(INTERVAL * number, INTERVAL * number)
+        assert regularly_sampled(imu, repeats=True)[0] is imu
