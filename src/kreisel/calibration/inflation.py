@@ -65,6 +65,12 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
     if "time_offset" in layout:
         columns = each(layout.degrees, layout["time_offset"], noise.lateness)
         out.append(Contribution("lateness of stamps", Source.CLOCKS, columns))
+    if "time_skew" in layout:
+        # stamps may be later at the end than at the beginning
+        columns = each(
+            layout.degrees, layout["time_skew"], noise.lateness / max(float(np.ptp(run.history.seconds)), 1.0)
+        )
+        out.append(Contribution("change of the lateness of stamps", Source.CLOCKS, columns))
     if "gyro_cross_coupling" in layout:
         longer = problem.columns("gyro_cross_coupling", noise.time_base_sd * K_omega.ravel())
         column = along(layout.degrees, layout["gyro_cross_coupling"], longer)

@@ -34,12 +34,13 @@ def test_without_such_errors_the_belief_stays_as_it_is():
     assert with_unestimated_errors(found).belief is found.run.belief
 
 
-def test_lateness_adds_its_square_to_the_time_offset_and_to_nothing_else():
+def test_lateness_adds_its_square_to_the_clocks_and_to_nothing_else():
     found = estimate_of(with_noise(without(small_problem()), lateness=3e-4), small_run())
     added = with_unestimated_errors(found).belief.covariance - found.run.belief.covariance
-    i = found.problem.layout["time_offset"].start
+    layout, seconds = found.problem.layout, np.ptp(found.run.history.seconds)
     want = np.zeros_like(added)
-    want[i, i] = 3e-4**2
+    for group, size in (("time_offset", 3e-4), ("time_skew", 3e-4 / seconds)):
+        want[layout[group], layout[group]] = size**2
     sd = found.run.belief.standard_deviation
     np.testing.assert_allclose(added / np.outer(sd, sd), want / np.outer(sd, sd), atol=1e-9)
 
