@@ -69,7 +69,8 @@ def check_conventions(readings: Readings, reference: ReferencePoses, clock: Cloc
     raise SynchronizationError(
         f"{reference.source}: the poses rotate by similar angles as the IMU but about other axes: the gyros explain "
         f"{100 * max(usual, 0.0):.0f} % of the rotation, expected {100 * EXPLAINED:.0f} % or more. "
-        f"Do the poses belong to this run, and are the gyro columns in order?{_silent(readings)}",
+        "Do the poses belong to this run, was no clock set during it, and are the gyro columns in order?"
+        f"{_silent(readings)}",
         correlation=usual,
     )
 
