@@ -199,8 +199,11 @@ def _polled(seconds: Array) -> list[tuple[slice, _Line]] | None:
     step of the asking beside a line; where samples are lost at random, they depart from it by more, the longer.
     """
     steps = np.diff(seconds)
-    asked = float(np.median(steps[steps < 1.5 * np.percentile(steps, _SHORT)]))
-    if asked <= 0.0 or np.abs(steps - np.round(steps / asked) * asked).max() > _ASKED * asked:
+    short = float(np.percentile(steps, _SHORT))
+    if short <= 0.0:
+        return None
+    asked = float(np.median(steps[steps < 1.5 * short]))
+    if np.abs(steps - np.round(steps / asked) * asked).max() > _ASKED * asked:
         return None
     edges = [0, *(np.flatnonzero(steps > _GAP * asked) + 1).tolist(), seconds.size]
     lines, longer = [], 0

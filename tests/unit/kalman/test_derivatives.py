@@ -64,7 +64,7 @@ def test_derivatives_are_those_of_the_models(name):
         assert seen.sum() > problem.layout.degrees / 3
     deviation = first.belief.standard_deviation
     moved = problem.layout.minus(second.belief.mean[:, None], first.belief.mean)[:, 0]
-    assert np.abs(moved / deviation).max() < 1e-4  # by rounding of differences: 1e-5 without fused multiplications
+    assert np.abs(moved / deviation).max() < 1e-3  # by rounding of differences: 1e-5 to 3e-4 for starts 1e-13 apart
     np.testing.assert_allclose(second.belief.standard_deviation, deviation, rtol=1e-6)
     np.testing.assert_allclose(second.history.nis, first.history.nis, rtol=1e-5)
 

@@ -174,3 +174,8 @@ def test_samples_that_are_lost_at_random_stay_lost():
         number = np.setdiff1d(np.arange(COUNT), lost)
         imu = samples(INTERVAL * number, INTERVAL * number)
         assert regularly_sampled(imu, repeats=True)[0] is imu
+
+
+def test_stamps_in_whole_seconds_show_no_asking():
+    imu = samples(regular(), np.floor(regular()))
+    assert regularly_sampled(imu)[0] is imu
