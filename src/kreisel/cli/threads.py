@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,7 +13,6 @@ __all__ = ["in_threads", "releasing_memory"]
 
 def in_threads(tasks: Sequence[Callable[[], Any]]) -> list[Any]:
     """Return the results of tasks; the first error of one is raised when all have ended."""
-    import os
     from concurrent.futures import ThreadPoolExecutor
 
     workers = min(len(tasks), max(2, os.cpu_count() or 1))

@@ -15,14 +15,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices, conjugate, multiply
 from kreisel.inertial.effects import RawReadings
-from kreisel.inertial.strapdown import (
-    InertialSignal,
-    Stencils,
-    first_of_five,
-    integrate_attitude,
-    prepare,
-    raw_readings,
-)
+from kreisel.inertial.strapdown import InertialSignal, Stencils, integrate_attitude, prepare, raw_readings
 
 CHUNK = 1 << 16
 """Samples of one chunk: nearly three minutes at 400 Hz."""
@@ -168,11 +161,8 @@ class Readings:
         for start in range(0, last, _RAW_CHUNK):
             stop = min(start + _RAW_CHUNK, last)
             low, high = max(start - _REACH, 0), min(stop + _REACH, last)
-            part = slice(low, high + 1)
-            warmer = None if self.temperature_difference is None else self.temperature_difference[part]
-            segments = self._segments_between(low, high)
-            first = first_of_five(high + 1 - low, segments)
-            raw = raw_readings(self.stamps[part], self.rates[part], self.accelerations[part], first, warmer)
+            stamps, rates, accelerations, segments, temperature_difference = self._part(low, high)
+            raw = raw_readings(stamps, rates, accelerations, segments, temperature_difference)
             yield RawChunk(start, stop, low, raw, segments)
 
     def excerpt(self, begin: float, end: float) -> Iterator[InertialSignal]:
@@ -227,19 +217,23 @@ class Readings:
 
     def _between(self, low: int, high: int) -> InertialSignal:
         low, high = max(low, 0), min(high, self.stamps.size - 1)
-        segments = self._segments_between(low, high)
-        part = slice(low, high + 1)
-        temperature_difference = None if self.temperature_difference is None else self.temperature_difference[part]
+        stamps, rates, accelerations, segments, temperature_difference = self._part(low, high)
         signal = prepare(
-            self.stamps[part], self.rates[part], self.accelerations[part], noise=self.noise, estimated=self.estimated,
-            applied=self.applied, temperature_difference=temperature_difference, segments=segments,
+            stamps, rates, accelerations, noise=self.noise, estimated=self.estimated, applied=self.applied,
+            temperature_difference=temperature_difference, segments=segments,
         )  # fmt: skip
         return replace(signal, begin=low)
 
-    def _segments_between(self, low: int, high: int) -> tuple[tuple[int, int], ...]:
-        """Return the segments between two samples, which are numbered from the first of them on."""
+    def _part(self, low: int, high: int) -> tuple[Array, Array, Array, tuple[tuple[int, int], ...], Array | None]:
+        """Return stamps, rates, accelerations, segments and temperature difference from one sample to another.
+
+        Segments are numbered from the first of these samples on.
+        """
+        part = slice(low, high + 1)
         inside = [(max(a, low) - low, min(b, high) - low) for a, b in self.segments]
-        return tuple((a, b) for a, b in inside if b - a >= _SHORTEST)
+        segments = tuple((a, b) for a, b in inside if b - a >= _SHORTEST)
+        temperature_difference = None if self.temperature_difference is None else self.temperature_difference[part]
+        return self.stamps[part], self.rates[part], self.accelerations[part], segments, temperature_difference
 
 
 def attitudes_at(readings: Readings, rate: Array, samples: Indices) -> Array:

@@ -102,7 +102,7 @@ def prepare(
     n = stamps.size
     segments = ((0, n - 1),) if segments is None else segments
     stencils = Stencils.of(stamps, segments)
-    raw = raw_readings(stamps, rates, accelerations, first_of_five(n, segments), temperature_difference)
+    raw = raw_readings(stamps, rates, accelerations, segments, temperature_difference)
     change = added(raw, applied)
     rates, accelerations = rates + change[0], accelerations + change[1]
     slope = raw.derivative(rates)
@@ -154,28 +154,22 @@ class Stencils:
         return out
 
 
-def first_of_five(count: int, segments: tuple[tuple[int, int], ...]) -> Indices:
-    """Return the first of the five samples that each sample is differentiated by, all of its segment, (n,)."""
-    first = np.clip(np.arange(count) - 2, 0, count - 5)
-    for start, stop in segments:
-        first[start : stop + 1] = np.clip(first[start : stop + 1], start, stop - 4)
-    return first
-
-
 def raw_readings(
     stamps: Array,
     rates: Array,
     accelerations: Array,
-    first: Indices | None = None,
+    segments: tuple[tuple[int, int], ...] = (),
     temperature_difference: Array | None = None,
 ) -> RawReadings:
-    """Return raw readings (n, 3) with derivatives over five samples from `first` (n,) on; by default without gaps.
+    """Return raw readings (n, 3) with derivatives over five samples of one segment; by default without gaps.
 
     The noise of the second derivative, integrated between two updates, is not correlated with that of the integrated
     readings. Otherwise the smoothing would be estimated by how much of that noise it takes away.
     """
-    if first is None:
-        first = first_of_five(stamps.size, ())
+    n = stamps.size
+    first = np.clip(np.arange(n) - 2, 0, n - 5)
+    for start, stop in segments:
+        first[start : stop + 1] = np.clip(first[start : stop + 1], start, stop - 4)
 
     def derivative(values: Array) -> Array:
         values = np.ascontiguousarray(values, dtype=float)

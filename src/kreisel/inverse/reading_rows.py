@@ -77,7 +77,7 @@ def raw_samples(unknowns: Unknowns, begin: float, end: float, spline: PoseSpline
             predicted = _predicted(unknowns, motion_at(spline, readings.stamps[part]))
             rates[part] = predicted.rates - sensors.k_w[0]
             forces[part] = predicted.forces + predicted.size - sensors.k_a[0]
-    raw = raw_readings(readings.stamps, rates, forces, None, readings.temperature_difference)
+    raw = raw_readings(readings.stamps, rates, forces, temperature_difference=readings.temperature_difference)
     change = added(raw, sensors.effects)
     sizes = {g: problem.layout.whole(g) for g in EFFECTS if g in problem.layout}
     gyro, accel = (features_of(raw, sizes, sensor) for sensor in ("gyroscope", "accelerometer"))

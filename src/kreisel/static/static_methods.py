@@ -246,12 +246,17 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
     turns = TableTurns(node, angle[node], axis, _RATE_SCALE if table.by_rate else 0.0, _reversed(angle)[node])
     begun = _with_turns(start, way[node], turns, C[node])
     off = best.ratio - 1.0
+    said = (_differing_clocks(off),) if off else ()
+    return Chosen("turntable", replace(problem, known=(turns,)), begun, warnings=said, time_base_sd=abs(off))
+
+
+def _differing_clocks(off: float) -> DataWarning:
+    """Return the warning about a table's seconds, whose ratio to the IMU's is off by so much."""
     text = (
         f"the clocks of table and IMU differ by {100.0 * off:+.1f} %, and it is not known which is right: the gyros' "
         "scale factors are uncertain by as much"
     )
-    said = (DataWarning("clocks", text),) if off else ()
-    return Chosen("turntable", replace(problem, known=(turns,)), begun, warnings=said, time_base_sd=abs(off))
+    return DataWarning("clocks", text)
 
 
 def _reversed(angle: Array) -> Array:

@@ -48,10 +48,9 @@ def check_streams(recording: Recording) -> Recording:
     check_rate(stamped, None if reference is None else stamped_poses(reference))
     check_duration(stamped)
     warnings = sampling + gap_warnings(imu, LONG_GAP)
-    count = imu.stamps_ns.size
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
-    if any(warning.subject == "repeats" for warning in found) and imu.stamps_ns.size < count:
+    if any(warning.subject == "repeats" for warning in found):
         imu, sampling = regularly_sampled(imu, repeats=True)
         warnings += sampling
     if joints is not None:

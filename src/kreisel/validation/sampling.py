@@ -7,6 +7,7 @@ stamp. Where the readings show that the samples were taken when the stamps say, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -108,7 +109,7 @@ def regularly_sampled(imu: ImuSamples, *, repeats: bool = False) -> tuple[ImuSam
     if not np.isfinite(seconds).all() or _repeated_rows(imu):
         return imu, []
     if (polled := _polled(seconds)) is not None:
-        return _on_lines(imu, polled, asked=repeats)
+        return _on_lines(imu, polled, certain=repeats)
     if _even(seconds):
         return imu, []
     mean = float(seconds[-1] / (seconds.size - 1))
@@ -117,28 +118,36 @@ def regularly_sampled(imu: ImuSamples, *, repeats: bool = False) -> tuple[ImuSam
     steps = np.diff(seconds)
     # samples that arrive late, or many at once, come with long steps between them again and again
     longest = max(_BREAK, 5.0 * mean, 1.5 * float(np.percentile(steps, 99.9)))
-    edges = [0, *(np.flatnonzero(steps > longest) + 1).tolist(), seconds.size]
-    lines: list[tuple[slice, _Line]] = []
+    lines = _of_parts(seconds, longest, _fitted)
+    return (imu, []) if lines is None else _on_lines(imu, lines)
+
+
+def _of_parts(
+    seconds: Array, longest: float, line_of: Callable[[Array], _Line | None]
+) -> list[tuple[slice, _Line]] | None:
+    """Return the line of each part between steps longer than `longest`; None if a part is short or has none."""
+    edges = [0, *(np.flatnonzero(np.diff(seconds) > longest) + 1).tolist(), seconds.size]
+    lines = []
     for begin, end in pairwise(edges):
-        line = _fitted(seconds[begin:end]) if end - begin >= MIN_PART else None
+        line = line_of(seconds[begin:end]) if end - begin >= MIN_PART else None
         if line is None:
-            return imu, []
+            return None
         lines.append((slice(begin, end), line))
-    return _on_lines(imu, lines)
+    return lines
 
 
 def _on_lines(
-    imu: ImuSamples, lines: list[tuple[slice, _Line]], *, asked: bool = False
+    imu: ImuSamples, lines: list[tuple[slice, _Line]], *, certain: bool = False
 ) -> tuple[ImuSamples, list[DataWarning]]:
     """Return the samples with the stamps of lines, if the readings do not contradict, and the warnings about it.
 
-    asked: whether it is known that the samples were taken evenly.
+    certain: whether it is known that the samples were taken evenly.
     """
     stamps = imu.stamps_ns
     seconds = (stamps - stamps[0]) * 1e-9
     late = np.concatenate([seconds[part] - line.stamps for part, line in lines])
     interval = float(np.median([line.interval for _, line in lines]))
-    if _spread(late) < EXACT * interval or (not asked and _samples_follow_stamps(imu, lines)):
+    if _spread(late) < EXACT * interval or (not certain and _samples_follow_stamps(imu, lines)):
         return imu, []
     moved = np.concatenate([line.stamps for _, line in lines])
     ns = stamps[0] + np.round(moved * 1e9).astype(np.int64)
@@ -205,18 +214,15 @@ def _polled(seconds: Array) -> list[tuple[slice, _Line]] | None:
     asked = float(np.median(steps[steps < 1.5 * short]))
     if np.abs(steps - np.round(steps / asked) * asked).max() > _ASKED * asked:
         return None
-    edges = [0, *(np.flatnonzero(steps > _GAP * asked) + 1).tolist(), seconds.size]
-    lines, longer = [], 0
-    for begin, end in pairwise(edges):
-        t, number = seconds[begin:end], np.arange(end - begin)
-        if t.size < MIN_PART:
-            return None
+
+    def line_of(t: Array) -> _Line | None:
+        number = np.arange(t.size)
         slope, first = np.polyfit(number, t, 1)
-        if float(np.ptp(t - first - slope * number)) > _WITHIN * asked:
-            return None
-        lines.append((slice(begin, end), _Line(number, float(first), float(slope))))
-        longer += int(np.count_nonzero(np.diff(t) > 1.5 * asked))
-    return lines if longer >= _LONGER else None
+        beside = float(np.ptp(t - first - slope * number))
+        return None if beside > _WITHIN * asked else _Line(number, float(first), float(slope))
+
+    longer = np.count_nonzero((steps > 1.5 * asked) & (steps <= _GAP * asked))
+    return _of_parts(seconds, _GAP * asked, line_of) if longer >= _LONGER else None
 
 
 def _repeated_rows(imu: ImuSamples) -> bool:
