@@ -113,6 +113,14 @@ def test_lines_without_a_header_are_told(tmp_path):
     said(status, "came before a line with the columns")
 
 
+@pytest.mark.parametrize("sign", ["#", ""])
+def test_a_header_with_an_unknown_unit_is_named_and_not_missed(tmp_path, sign):
+    header = f"{sign}t [ms],w_x [rpm],w_y,w_z,a_x [g],a_y,a_z\n"
+    status, _ = with_imu(tmp_path, lines(steady, header=header), 0.0, until="known units")
+    said(status, "column w_x is in 'rpm'; known units are rad s^-1")
+    assert not any("came before" in note for note in status.notes)
+
+
 def test_columns_can_be_named_by_the_user(tmp_path):
     columns = "t%20[ns],w_x%20[deg/s],w_y,w_z,a_x%20[g],a_y,a_z"
     status, path = with_imu(tmp_path, lines(steady, header=""), seconds=0.4, options=f"?columns={columns}")

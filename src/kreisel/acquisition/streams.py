@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from kreisel.devices.events import Arrival
@@ -13,6 +13,9 @@ LEAP_NS = 1_000_000_000
 
 AGREEING = 4
 """Number of consecutive readings that must agree on another clock to begin a new part; fewer are dropped."""
+
+_WRAPS_NS = (2**32, 2**24 * 1_000, 2**32 * 1_000, 2**16 * 1_000_000, 2**24 * 1_000_000, 2**32 * 1_000_000)
+"""After which counters of 16, 24 or 32 bits in ns, us or ms begin again at zero; those shorter than a leap are none."""
 
 _RECENT = 512
 """Steps between stamps of which rate and usual interval are taken. Chosen: one to five seconds at 500 to 100 Hz: enough
@@ -43,13 +46,15 @@ class Stream:
     _steps: deque[int] = field(default_factory=lambda: deque(maxlen=_RECENT))
     _interval_ns: int = 0
     _held: list[Arrival] = field(default_factory=list)
+    _wrapped_ns: int = 0
 
     def take(self, reading: Arrival) -> tuple[list[Arrival], list[str]]:
         """Take a reading; return the readings to keep now, and notes.
 
         A reading that is late or came twice is counted and not kept. One on another clock is held until `AGREEING` of
-        them in a row agree: they begin a new part.
+        them in a row agree: they begin a new part. Where a counter begins again at zero, its stamps go on.
         """
+        reading = self._unwrapped(reading)
         stamp_ns, host_ns = reading.sample.stamp_ns, reading.host_ns
         if self._stamp_ns is None:
             self._start(stamp_ns, host_ns)
@@ -66,6 +71,24 @@ class Stream:
         self._stamp_ns, self._host_ns = stamp_ns, host_ns
         self.count += 1
         return [reading], notes
+
+    def _unwrapped(self, reading: Arrival) -> Arrival:
+        """Return a reading with the stamp that it has if the device's counter never began again.
+
+        It did, if the step is then what the host saw pass, and if the counter was at its end and is at its beginning: a
+        restart does not come at that moment.
+        """
+        own = reading.sample.stamp_ns
+        if self._stamp_ns is not None and own + self._wrapped_ns - self._stamp_ns < -LEAP_NS:
+            passed, before = reading.host_ns - self._host_ns, self._stamp_ns - self._wrapped_ns
+            for wrap in _WRAPS_NS:
+                step = own + wrap - before
+                if 0 < step < LEAP_NS and abs(step - passed) < LEAP_NS and 0 <= own < step and before < wrap:
+                    self._wrapped_ns += wrap
+                    break
+        if not self._wrapped_ns:
+            return reading
+        return replace(reading, sample=replace(reading.sample, stamp_ns=own + self._wrapped_ns))
 
     def _hold(self, reading: Arrival, leap_ns: int) -> tuple[list[Arrival], list[str]]:
         """Hold a reading on another clock; return the held readings when enough of them agree."""

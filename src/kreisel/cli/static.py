@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,18 +11,11 @@ from kreisel.cli import completion
 from kreisel.cli.watch import PORT
 
 if TYPE_CHECKING:
+    from contextlib import ExitStack
+
+    from kreisel.cli.static_live import Guided
+    from kreisel.static.guide import Estimator
     from kreisel.static.static_result import StaticOutcome
-
-
-class Guided(NamedTuple):
-    """What is stated of a calibration under guidance: see the options of `static`."""
-
-    until: tuple[str, ...]
-    gravity: float | None
-    seconds: float | None
-    dashboard: bool
-    host: str
-    port: int
 
 
 def static(
@@ -83,10 +76,13 @@ def static(
     turntable (table0/data.csv). Exit status 3 if the result is rejected.
     """
     import json as json_module
+    from contextlib import ExitStack
+    from functools import partial
 
     from kreisel.batch.outcomes import REJECTED
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
+    from kreisel.cli.static_live import Guided, end_shown
     from kreisel.errors import SettingsError, unknown_name
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import SENSORS
@@ -104,24 +100,27 @@ def static(
         raise SettingsError("--until, --seconds and --dashboard are for a recording with --live ADDRESS")
     if output is not None:
         check_output(output)
-    source = recording or _guided(live, output, Guided(tuple(until), gravity, seconds, dashboard, host, port))
-    with progress_bar() as show:
-        read = load(source, imu=imu, columns=columns, progress=show)
-        outcome = calibrate_static(
-            read, gravity=gravity, constant_offsets=constant_offsets, only=only, method=method,
-            squareness=squareness * MRAD, progress=show,
-        )  # fmt: skip
-    write_static_result(outcome, output)
-    if json:
-        document = outcome.calibration.document
-        typer.echo(json_module.dumps(document if output is None else {**document, "output": str(output)}))
-    else:
-        say_static(outcome, output)
+    calibrate = partial(
+        calibrate_static, gravity=gravity, constant_offsets=constant_offsets, only=only, method=method,
+        squareness=squareness * MRAD,
+    )  # fmt: skip
+    how = Guided(tuple(until), only, method, seconds, dashboard, host, port, json)
+    with ExitStack() as page:
+        source = recording or _guided(live, output, how, calibrate, page)
+        with end_shown(output, how) as show_end, progress_bar() as show:
+            outcome = calibrate(load(source, imu=imu, columns=columns, progress=show), progress=show)
+            write_static_result(outcome, output)
+            show_end(outcome)
+        if json:
+            document = outcome.calibration.document
+            typer.echo(json_module.dumps(document if output is None else {**document, "output": str(output)}))
+        else:
+            say_static(outcome, output)
     if not outcome.calibration.accepted:
         raise typer.Exit(REJECTED)
 
 
-def _guided(live: str | None, output: Path | None, how: Guided) -> Path:
+def _guided(live: str | None, output: Path | None, how: Guided, calibrate: Estimator, page: ExitStack) -> Path:
     """Record under guidance, and return the recording."""
     from kreisel.cli.static_live import record_guided
     from kreisel.errors import SettingsError
@@ -130,7 +129,7 @@ def _guided(live: str | None, output: Path | None, how: Guided) -> Path:
         raise SettingsError("give a recording, or --live ADDRESS, one of them")
     if output is None:
         raise SettingsError("no output is given; -o OUT names a folder for the recording and the result")
-    return record_guided(live, output, how)
+    return record_guided(live, output, how, calibrate, page)
 
 
 def write_static_result(outcome: StaticOutcome, output: Path | None) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
@@ -13,17 +14,22 @@ from kreisel.files import open_fresh
 
 if TYPE_CHECKING:
     import asyncio
+    from collections.abc import Callable, Iterator
 
     from kreisel.acquisition.recorder import Status
-    from kreisel.cli.static import Guided
     from kreisel.devices.address import Address
-    from kreisel.static.guide import Advice, Guide
+    from kreisel.recording.recording import Recording
+    from kreisel.static.guide import Advice, Estimator, Guide
+    from kreisel.static.static_result import StaticOutcome
 
 _PAUSE = 0.3
 """Seconds between two looks at the readings."""
 
 _SILENT = 5.0
 """Seconds without a reading after which that is said."""
+
+_LINGER = 1.0
+"""Seconds for which the page is served when all is done. Chosen: twenty of the intervals at which it looks."""
 
 _SHOWN = 10.0
 """Seconds of readings from which on they are said to be useless. Chosen: a second more than checks need."""
@@ -32,8 +38,28 @@ RECORDING = "recording.mcap"
 """The recording, in the result's folder."""
 
 
-def record_guided(address: str, output: Path, how: Guided) -> Path:
+class Guided(NamedTuple):
+    """What is stated of a calibration under guidance: see the options of `static`."""
+
+    until: tuple[str, ...]
+    only: str | None
+    method: str | None
+    seconds: float | None
+    dashboard: bool
+    host: str
+    port: int
+    as_json: bool
+
+
+def record_guided(address: str, output: Path, how: Guided, calibrate: Estimator, page: ExitStack) -> Path:
     """Record until the advice is to stop, or until interrupted; return the recording.
+
+    Parameters
+    ----------
+    calibrate
+        By which estimates are made meanwhile.
+    page
+        Closes the page.
 
     Raises
     ------
@@ -43,21 +69,48 @@ def record_guided(address: str, output: Path, how: Guided) -> Path:
     from kreisel.acquisition.recorder import Place
     from kreisel.cli.record import check_complete
     from kreisel.cli.targets import targets
-    from kreisel.cli.watch import check_page_installed, page_of
+    from kreisel.cli.watch import page_of
     from kreisel.devices.address import IMUS, parse_address
     from kreisel.static.guide import Guide
 
     of_imu = parse_address(address, IMUS)
-    guide = Guide(targets(how.until), how.gravity)
+    guide = Guide(calibrate, targets(how.until), method=how.method, only=how.only)
     file = output / RECORDING
-    if how.dashboard:
-        check_page_installed()
     output.mkdir(parents=True, exist_ok=True)
-    with page_of(file, how.port, wanted=how.dashboard, guide=True, host=how.host):
-        status = _recorded(of_imu, file, guide, how.seconds)
+    page.enter_context(
+        page_of(file, how.port, wanted=how.dashboard, guide=True, host=how.host, beside_json=how.as_json)
+    )
+    status = _recorded(of_imu, file, guide, how.seconds)
     check_complete(status, (of_imu,), None, Place.of(file))
     typer.echo(f"{file}: {status.seconds:.1f} s, {status.imu.count} IMU samples", err=True)
     return file
+
+
+@contextmanager
+def end_shown(output: Path | None, how: Guided) -> Iterator[Callable[[StaticOutcome], None]]:
+    """Show on the page how a calibration ended, for long enough that a browser receives it.
+
+    Yields the function that takes the result; errors are shown, too.
+    """
+    from kreisel.errors import KreiselError
+
+    def show(text: str, note: str) -> None:
+        from kreisel.dashboard.guide_feed import ADVICE, ended
+
+        if how.dashboard and output is not None:
+            _replaced(output / ADVICE, ended(output / ADVICE, text, note))
+            time.sleep(_LINGER)
+
+    def show_outcome(outcome: StaticOutcome) -> None:
+        verdict = outcome.calibration.verdict
+        text = "Done: the calibration is accepted." if verdict.accepted else "The calibration is rejected."
+        show(text, "; ".join(verdict.reasons) or f"Result and report are in {output}.")
+
+    try:
+        yield show_outcome
+    except KreiselError as error:
+        show("There is no calibration.", str(error))
+        raise
 
 
 def _recorded(of_imu: Address, file: Path, guide: Guide, seconds: float | None) -> Status:
@@ -89,28 +142,54 @@ async def _advise(guide: Guide, file: Path, stop: asyncio.Event, say: _Say, sile
     from kreisel.errors import KreiselError, RecordingError
 
     tail = Tail(file)
+    took, estimating = 0.0, asyncio.Future[None]()
+    estimating.set_result(None)
 
-    def look() -> Advice | None:
+    def look() -> tuple[Recording, Advice] | None:
         tail.read()
-        return guide.look(tail.recording()) if tail.begun else None
+        if not tail.begun:
+            return None
+        recording = tail.recording()
+        return recording, guide.look(recording)
 
     while True:
-        await asyncio.sleep(_PAUSE)
+        await asyncio.sleep(max(_PAUSE, took))  # readings of an hour take longer to look at than those of a minute
         if silence.lasts:
             continue
+        began = time.monotonic()
         try:
-            advice = await asyncio.to_thread(look)
+            seen = await asyncio.to_thread(look)
         except KreiselError as error:
             if silence.recorded > _SHOWN:  # before, it is too short yet
                 text = error.message if isinstance(error, RecordingError) else str(error)
                 say.problem(f"These readings cannot be used: {text}")
             continue
-        if advice is None:
+        took = time.monotonic() - began
+        if seen is None:
             continue
+        recording, advice = seen
         say(advice)
         if advice.step == "done":
             stop.set()
             return
+        if guide.due and estimating.done():
+            estimating = asyncio.ensure_future(asyncio.to_thread(_estimate, guide, recording, advice, stop))
+
+
+class _AbandonedError(Exception):
+    """Ends an estimate that nobody waits for."""
+
+
+def _estimate(guide: Guide, recording: Recording, advice: Advice, stop: asyncio.Event) -> None:
+    """Estimate, unless the recording ends meanwhile."""
+
+    def check(step: str, share: float) -> None:
+        del step, share
+        if stop.is_set():
+            raise _AbandonedError
+
+    with suppress(_AbandonedError):
+        guide.estimate(recording, advice, check)
 
 
 class _Silence:
@@ -161,8 +240,8 @@ class _Say:
         self._last = ""
 
     def __call__(self, advice: Advice) -> None:
-        self._write(advice.document)
-        text = f"{len(advice.had):3d} attitudes  {advice.text if advice.step != 'hold' else 'Hold still.'}"
+        _replaced(self._file, advice.document)
+        text = f"{len(advice.had):3d} standstills  {advice.text if advice.step != 'hold' else 'Hold still.'}"
         if advice.note:
             text += f" ({advice.note})"
         self._print(text)
@@ -171,16 +250,18 @@ class _Say:
         """Say why there is no advice."""
         from kreisel.dashboard.guide_feed import problem
 
-        self._write(problem(text))
+        _replaced(self._file, problem(text))
         self._print(text)
-
-    def _write(self, document: dict[str, Any]) -> None:
-        waiting = self._file.with_suffix(".part")
-        with open_fresh(waiting) as file:
-            file.write(json.dumps(document).encode())
-        waiting.replace(self._file)
 
     def _print(self, text: str) -> None:
         if text != self._last:
             self._last = text
             typer.echo(text, err=True)
+
+
+def _replaced(file: Path, document: dict[str, Any]) -> None:
+    """Write a file as a whole, or not at all."""
+    waiting = file.with_suffix(".part")
+    with open_fresh(waiting) as stream:
+        stream.write(json.dumps(document).encode())
+    waiting.replace(file)

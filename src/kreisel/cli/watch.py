@@ -57,7 +57,9 @@ def check_page_installed() -> None:
 
 
 @contextmanager
-def page_of(output: Path, port: int, *, wanted: bool, guide: bool = False, host: str = "127.0.0.1") -> Iterator[None]:
+def page_of(
+    output: Path, port: int, *, wanted: bool, guide: bool = False, host: str = "127.0.0.1", beside_json: bool = False
+) -> Iterator[None]:
     """Serve the page of a recording that is being made, from a separate process, which cannot delay the recorder.
 
     Parameters
@@ -66,6 +68,13 @@ def page_of(output: Path, port: int, *, wanted: bool, guide: bool = False, host:
         Whether to serve it at all.
     guide
         Whether it is that of `kreisel static --live`.
+    beside_json
+        Whether its address goes to standard error, because standard output is for an object.
+
+    Raises
+    ------
+    SettingsError, DeviceError
+        If what serves pages is not installed, or the port is used already.
     """
     import os
     import subprocess
@@ -75,11 +84,14 @@ def page_of(output: Path, port: int, *, wanted: bool, guide: bool = False, host:
         yield
         return
     check_page_installed()
+    from kreisel.dashboard.serving import listening
+
+    listening(host, port).close()
     program = [sys.executable, "-P", "-m", "kreisel.cli.main"]  # -P: no modules from the working folder
     page = "--guide" if guide else "--dashboard"
     environment = {**os.environ, _PARENT: str(os.getpid())}
     watching = [*program, "watch", str(output), page, "--port", str(port), "--host", host]
-    server = subprocess.Popen(watching, env=environment)
+    server = subprocess.Popen(watching, env=environment, stdout=sys.stderr if beside_json else None)
     try:
         yield
     finally:

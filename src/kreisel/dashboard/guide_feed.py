@@ -16,6 +16,17 @@ def problem(text: str) -> Message:
     return {"kind": "problem", "text": text}
 
 
+def ended(file: Path, text: str, note: str) -> Message:
+    """Return what the page shows at the end: the last advice, with a text instead of what to do next."""
+    try:
+        last: Message = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        last = {}
+    if last.get("kind") != "advice":
+        return problem(f"{text} {note}".strip())
+    return {**last, "step": "end", "text": text, "note": note, "wanted": None}
+
+
 class GuideFeed:
     """The last advice about a recording that is being made; path: the file of the recording, or its folder."""
 

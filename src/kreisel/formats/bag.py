@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,6 +29,7 @@ from kreisel.formats.bag_topics import (
     Role,
     choose_topic,
     joint_topic,
+    later_parts,
     listed,
     unit_of,
     unit_topics,
@@ -50,7 +51,7 @@ from kreisel.formats.mcap import (
     stated_topics,
 )
 from kreisel.formats.robot_description import description_beside
-from kreisel.formats.topic_names import ORIENTATION_TOPIC, POSE_TOPIC, POSITION_TOPIC
+from kreisel.formats.topic_names import IMU_TOPIC, ORIENTATION_TOPIC, POSE_TOPIC, POSITION_TOPIC
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.recording_settings import RecordingSettings, read_settings, what_is_wrong, with_units_together
@@ -159,14 +160,52 @@ def recording_of(
     """
     path, warnings, decode = contents.path, list(contents.warnings), decode or decode_topic
     settings = _settings(contents, warnings)
-    body = body_of(contents, IMU_ROLE, imu, warnings, decode)
+    later = [] if imu is not None or _refers(contents) else later_parts(contents.topics, IMU_TOPIC)
+    first = replace(contents, topics=tuple(topic for topic in contents.topics if topic not in later))
+    body = body_of(first, IMU_ROLE, imu, warnings, decode)
     samples = imu_of(body, contents)
+    if body is not None and body.topic.name == IMU_TOPIC:
+        samples = _joined(samples, body.topic, [(topic, decode(topic, path)) for topic in later], warnings)
     settings = settings if body is None else settings.of_imu(unit_of(body.topic.name, contents.topics))
     poses = poses_of(body_of(contents, REFERENCE_ROLE, reference, warnings, decode), path)
     joints = _joint_angles(contents, None if poses is None else poses.name, warnings, decode)
     warnings += _notes(contents)
     urdf = contents.urdf or description_beside(path.parent, settings)
     return Recording(path, samples, poses, joints, settings, tuple(warnings), urdf=urdf)
+
+
+def _refers(contents: Contents) -> bool:
+    """Return whether a bag holds anything that readings of an IMU are compared with, on a clock of its own."""
+    return any(topic.msgtype in REFERENCE_ROWS or topic.msgtype == JOINTS for topic in contents.topics if topic.count)
+
+
+def _joined(
+    imu: ImuSamples, first: Topic, later: Sequence[tuple[Topic, Decoded]], warnings: list[DataWarning]
+) -> ImuSamples:
+    """Return the readings together with those after the device's clock leapt, on one clock: by their times of arrival.
+
+    These are good to some milliseconds: a step that counts as a gap remains, so that no turn is measured across it.
+    """
+    stamps, values = [imu.stamps_ns], [np.hstack([imu.rates, imu.accelerations])]
+    arrived = first.log_times_ns[0] - int(imu.stamps_ns[0])
+    for topic, (own, _, rows) in later:
+        begun = topic.log_times_ns[0] - arrived
+        begun = max(begun, int(stamps[-1][-1]) + _APART_NS)
+        stamps.append(own - own[0] + begun)
+        values.append(np.asarray(rows, dtype=np.float64)[:, :6])
+    if not later:
+        return imu
+    text = (
+        f"the device's clock leapt, at {', '.join(f'{(s[0] - stamps[0][0]) * 1e-9:.1f} s' for s in stamps[1:])}: the "
+        "readings before and after are joined by their times of arrival"
+    )
+    warnings.append(DataWarning("clock", text))
+    joined = np.vstack(values)
+    return ImuSamples(np.concatenate(stamps), joined[:, :3].copy(), joined[:, 3:].copy(), imu.source)
+
+
+_APART_NS = 200_000_000
+"""ns: least step between readings before and after a leap. Chosen: four times what counts as a gap."""
 
 
 def notes_of(contents: Contents) -> list[tuple[int, str]]:

@@ -23,7 +23,7 @@ ENCODINGS = ("cdr", "ros1")
 """Of messages that can be decoded."""
 
 _OF_A_UNIT = re.compile(r"/imu(\d*)/data_raw")
-_AFTER_A_LEAP = re.compile(r"(/imu\d*/data_raw)_\d+")
+_AFTER_A_LEAP = re.compile(r"(/imu\d*/data_raw)_(\d+)")
 """Topics that kreisel writes: readings of a unit, and those after its clock leapt."""
 
 
@@ -92,6 +92,13 @@ def unit_of(topic: str, topics: Iterable[Topic]) -> str:
 def _is_later_part(name: str, names: Iterable[str]) -> bool:
     later = _AFTER_A_LEAP.fullmatch(name)
     return later is not None and later[1] in names
+
+
+def later_parts(topics: Iterable[Topic], name: str) -> list[Topic]:
+    """Return the topics with the readings of a unit after its clock leapt, in their order; name: of its first topic."""
+    found = [(_AFTER_A_LEAP.fullmatch(topic.name), topic) for topic in topics if topic.msgtype == IMU and topic.count]
+    own = [(int(match[2]), topic) for match, topic in found if match is not None and match[1] == name]
+    return [topic for _, topic in sorted(own, key=lambda one: one[0])]
 
 
 def _in_natural_order(name: str) -> list[tuple[int, str]]:

@@ -28,6 +28,7 @@ _RATE["mdps"] = 1e-3 * _RATE["dps"]
 _FORCE = {"m s^-2": 1.0, "m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": MG}  # m/s^2
 _UNITS = {"w": _RATE, "a": _FORCE}
 _NAMES = re.compile(r"[A-Za-z]\w*\s*[\[,]")
+_OF_AN_IMU = re.compile(r"\b[wa]_[xyz]\b", re.IGNORECASE)
 _CELL = re.compile(r"\s*([A-Za-z]\w*)\s*(?:\[([^\]]*)\])?\s*")
 
 
@@ -118,18 +119,23 @@ class Decoder:
 
     def _line(self, line: bytearray) -> ImuSample | None:
         text = line.decode("ascii", "replace").strip()
-        if text.startswith("#"):
-            self.columns = Columns.parse(text) if self.columns is None else self.columns
-            return None
-        if not text:
-            return None
-        if self.columns is None and _NAMES.match(text):  # a header without its sign
-            try:
-                self.columns = Columns.parse(text)
-            except ProtocolError as error:
+        marked = text.startswith("#")
+        if self.columns is None and (marked or _NAMES.match(text)):  # a header, with or without its sign
+            self._take_names(text)
+        elif text and not marked:
+            return self._numbers(text)
+        return None
+
+    def _take_names(self, text: str) -> None:
+        """Take the columns of a header; a comment that names none of them is no header."""
+        try:
+            self.columns = Columns.parse(text)
+        except ProtocolError as error:
+            if _OF_AN_IMU.search(text):
                 self._names_error = error
-                raise
-            return None
+            raise
+
+    def _numbers(self, text: str) -> ImuSample:
         text = without_checksum(text)
         if self.columns is None:
             if self._names_error is not None:

@@ -359,7 +359,11 @@ class HandHeld:
         up = np.asarray(up) + self._rng.normal(0.0, 0.05, 3)
         there = from_two_vectors(up / np.linalg.norm(up), [0.0, 0.0, -1.0])
         there = multiply(exp([0.0, 0.0, self._rng.uniform(-np.pi, np.pi)]), there)
-        vector = log(multiply(conjugate(self._q), there))
+        return self.rotate(log(multiply(conjugate(self._q), there)), seconds)
+
+    def rotate(self, vector: Array, seconds: float) -> tuple[Array, Array]:
+        """Return readings while it is turned by a rotation vector in its own axes (3,), rad."""
+        vector = np.asarray(vector)
         n = int(seconds * self.rate)
         s, v = _smooth(np.arange(1, n + 1) / n)
         q = multiply(self._q, exp(vector * s[:, None]))

@@ -7,40 +7,40 @@ of the gyros that is known worst.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from kreisel.errors import KreiselError, RecordingError
+from kreisel.errors import KreiselError, RecordingError, SettingsError
 from kreisel.geometry.rotation import Array
+from kreisel.progress import Progress
 from kreisel.recording.recording import Recording
+from kreisel.static.guide_plans import PLANS, SAME, Seen, angles, directions, seen
 from kreisel.static.rest_search import find_rests, held_still
-from kreisel.static.static_result import StaticOutcome, calibrate_static
+from kreisel.static.rests import Rests
+from kreisel.static.static_result import CLIPPED, StaticOutcome
 
 HOLD = 3.0
 """Seconds that a standstill is asked to last. Chosen: one is used from 1.2 s on, and hands begin late."""
 
-ENOUGH, FIRST, TRIED = 18, 9, 6
-"""Attitudes after which an accepted result is enough where no accuracy is asked for, of the first estimate, and from
-which on readings that nothing fits are noticed."""
+FIRST, TRIED = 9, 6
+"""Standstills of the first estimate, and from which on readings that nothing fits are noticed."""
 
 _FAILURES = 2
 """Attempts at an estimate that fail one after the other, after which readings are taken to be wrong."""
 
-_APART, _SAME = np.radians(20.0), np.radians(12.0)
-"""Angles between attitudes that count as different, and as the same one again."""
-
 _NARROW = np.radians(35.0)
 """Largest angle from the mean of all attitudes up to which they are said to be alike."""
 
-CANDIDATES: Array = np.array(
-    sorted((v for v in itertools.product((1.0, 0.0, -1.0), repeat=3) if any(v)), key=lambda v: sum(map(abs, v)))
-)
-CANDIDATES /= np.linalg.norm(CANDIDATES, axis=1, keepdims=True)
-"""Directions in the device that may be up, (26, 3): its faces, edges and corners, in this order."""
+_MANY = 60
+"""Further standstills from which on it is said how many an accuracy takes: as long as all before, and more."""
+
+USUAL = (
+    "gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.cross_coupling", "accelerometer.offset",
+)  # fmt: skip
+"""Groups of parameters that are always estimated."""
 
 
 @dataclass(frozen=True)
@@ -88,154 +88,207 @@ class Advice:
         }  # fmt: skip
 
 
+class Estimator(Protocol):
+    """Calibrates a recording."""
+
+    def __call__(self, recording: Recording, /, *, progress: Progress | None = None) -> StaticOutcome:
+        """Return the calibration."""
+
+
 class Guide:
     """Advice from the readings so far.
 
+    `look` is quick. An estimate takes seconds: where one is `due`, call `estimate`, on another thread if you like.
+
     Parameters
     ----------
+    calibrate
+        By which estimates are made.
     targets
         Standard deviations to be reached, by group of parameters, SI.
-    gravity
-        Local gravity, m/s^2, if it is stated on the command line.
+    method
+        The one that is stated, of `guide_plans.PLANS`.
+    only
+        The sensor that is asked for.
 
     Attributes
     ----------
     outcome
         The last calibration; None before the first.
+
+    Raises
+    ------
+    SettingsError
+        For a method that takes more than an IMU, or a target of parameters that are not estimated.
     """
 
-    def __init__(self, targets: Mapping[str, float] | None = None, gravity: float | None = None) -> None:
-        self._targets, self._gravity = dict(targets or {}), gravity
+    def __init__(
+        self, calibrate: Estimator, targets: Mapping[str, float] | None = None, *, method: str | None = None,
+        only: str | None = None,
+    ) -> None:  # fmt: skip
+        if method not in PLANS:
+            raise SettingsError(f"--live does not guide the method {method}: record it with its table, then calibrate")
+        self._usual = tuple(group for group in USUAL if only is None or group.startswith(only))
+        for group in targets or ():
+            if group not in self._usual:
+                raise SettingsError(f"--until {group}: not estimated here; expected one of {', '.join(self._usual)}")
+        self._calibrate, self._targets, self._only = calibrate, dict(targets or {}), only
+        self._plan = PLANS[method]
         self.outcome: StaticOutcome | None = None
+        self._seen = Seen(np.zeros((0, 3)), np.zeros(0, dtype=bool))
         self._counted = self._failed = 0
         self._said = ""
-        self._asked: tuple[int, Array] | None = None
+        self._asked: tuple[int, tuple[Array | None, str]] | None = None
+
+    @property
+    def due(self) -> bool:
+        """Whether there are standstills of which there is no estimate yet, and enough of them."""
+        return TRIED <= len(self._seen.had) > self._counted and self._plan.complete(self._seen)
 
     def look(self, recording: Recording) -> Advice:
         """Return what to do now."""
         imu = recording.imu
         held = held_still(imu)
-        up = _up(imu.accelerations[-max(1, round(0.3 / imu.interval)) :])
+        up = _mean(imu.accelerations[-max(1, round(0.3 / imu.interval)) :])
         try:
             rests = find_rests(imu)
         except RecordingError:
-            return self._first(held, up)
-        had = _directions(rests.forces)
-        if rests.count >= TRIED and rests.count > self._counted:
-            self._counted = rests.count
-            self._estimate(recording)
+            return _first(held, up)
+        self._seen = now = seen(imu, rests)
         if self._failed >= _FAILURES:
-            return Advice("turn", f"Stop, for more attitudes do not help: {self._said}", held, up, had)
-        if self._reached(rests.count):
+            return Advice("turn", f"Stop, for more attitudes do not help: {self._said}", held, up, now.had)
+        if self._reached(now):
             asked = "it is as accurate as asked for" if self._targets else "these attitudes show every parameter"
-            return Advice("done", f"Enough: {asked}.", held, up, had, known=self._known())
-        again = len(had) > 1 and bool((_angles(had[:-1], had[-1]) < _SAME).any())
-        if held < HOLD:
+            return Advice("done", f"Enough: {asked}.", held, up, now.had, known=self._known())
+        note = self._note(rests)
+        if 0.5 < held < HOLD:
             # a standstill that has begun is among those found once it is long enough
-            begun = held > 0.5
-            wanted = None if begun else self._next(had, up)
-            text = f"Hold still: {held:.1f} s of {HOLD:.0f} s." if begun else _ask(wanted)
-            return Advice("hold" if begun else "turn", text, held, up, had, wanted, self._known(), self._note(had))
-        wanted = self._next(had, up)
-        note = "This attitude is one that you have had." if again else self._note(had)
-        return Advice("turn", _ask(wanted), held, up, had, wanted, self._known(), note)
+            return Advice("hold", _hold(held), held, up, now.had, None, self._known(), note)
+        wanted, text = self._next(now, up)
+        again = len(now.had) > 1 and bool((angles(now.had[:-1], now.had[-1]) < SAME).any())
+        if held >= HOLD and again and wanted is not None and self._plan.method in (None, "multi-position"):
+            note = "This attitude is one that you have had."
+        return Advice("turn", text, held, up, now.had, wanted, self._known(), note)
 
-    def _first(self, held: float, up: Array) -> Advice:
-        text = f"Hold still: {held:.1f} s of {HOLD:.0f} s." if held > 0.5 else "Lay the device down."
-        return Advice("hold", text, held, up, np.zeros((0, 3)))
-
-    def _estimate(self, recording: Recording) -> None:
+    def estimate(self, recording: Recording, advice: Advice, progress: Progress | None = None) -> None:
+        """Calibrate a recording of which there was this advice."""
+        self._counted = count = len(advice.had)
         try:
-            found = calibrate_static(recording, gravity=self._gravity)
+            found = self._calibrate(recording, progress=progress)
         except KreiselError as error:
-            self._failed += 1
             self._said = error.message if isinstance(error, RecordingError) else str(error)
+            self._failed += 1
             return
         self._failed = 0
-        if self._counted >= FIRST:
+        if count >= FIRST or self._plan.attitudes < FIRST:
             self.outcome = found
-            self._said = "" if found.calibration.accepted else found.calibration.verdict.reasons[0]
 
-    def _reached(self, count: int) -> bool:
+    def _reached(self, now: Seen) -> bool:
         if self.outcome is None or not self.outcome.calibration.accepted:
             return False
         if not self._targets:
-            return count >= ENOUGH and not self.outcome.calibration.verdict.unobservable
+            return self._plan.enough(now) and not self._unobservable()
         known = self._known()
         return all(known.get(group, np.inf) <= target for group, target in self._targets.items())
+
+    def _unobservable(self) -> list[str]:
+        if self.outcome is None:
+            return []
+        names = self.outcome.calibration.verdict.unobservable
+        return [name for name in names if self._only is None or name.startswith(self._only)]
 
     def _known(self) -> dict[str, float]:
         """Return the worst deviation of each group that is asked for, or of the usual ones."""
         if self.outcome is None:
             return {}
-        calibration = self.outcome.calibration
-        deviation = np.sqrt(np.diag(calibration.covariance))
-        groups = self._targets or (
-            "gyroscope.cross_coupling", "gyroscope.offset", "accelerometer.cross_coupling", "accelerometer.offset",
-        )  # fmt: skip
-        return {
-            group: max((float(d) for n, d in zip(calibration.names, deviation, strict=True) if n.startswith(group)),
-                       default=np.inf)
-            for group in groups
-        }  # fmt: skip
+        deviation = np.sqrt(np.diag(self.outcome.calibration.covariance))
+        return {group: float(np.max(deviation[self._of(group)], initial=0.0)) for group in self._targets or self._usual}
 
-    def _note(self, had: Array) -> str:
-        if len(had) >= FIRST and float(_angles(had, _up(had)).max()) < _NARROW:
+    def _of(self, group: str) -> list[int]:
+        names = () if self.outcome is None else self.outcome.calibration.names
+        return [i for i, name in enumerate(names) if name.startswith(f"{group}[")]
+
+    def _note(self, rests: Rests) -> str:
+        """Return what is in the way of a result, the most important of it."""
+        had = self._seen.had
+        if len(had) >= FIRST and float(angles(had, _mean(had)).max()) < _NARROW:
             return (
                 "All attitudes so far are nearly alike. Scale factors and offsets of the accelerometers stay unknown "
                 "then, however long it takes: turn the device over."
             )
-        return self._said
+        if rests.clipped:
+            return f"{CLIPPED.format(count=rests.clipped)}."
+        if self.outcome is None:
+            return self._said if self._failed else ""
+        for warning in self.outcome.warnings:
+            if warning.subject == "turns":
+                return f"{warning.message}."
+        calibration = self.outcome.calibration
+        if not calibration.accepted:
+            return calibration.verdict.reasons[0]
+        if self._targets:
+            return self._forecast(self.outcome)
+        hidden = self._unobservable()
+        return f"Not shown yet: {_some(hidden)}." if hidden else ""
 
-    def _next(self, had: Array, up: Array) -> Array:
-        """Return the direction that is to be up next, (3,): the same one until the device has stood still again."""
-        if self._asked is None or self._asked[0] != len(had):
-            self._asked = len(had), self._most_telling(had, up)
+    def _forecast(self, outcome: StaticOutcome) -> str:
+        """Return what is missing to what is asked for, where that is much; variances of a fit fall with its rows."""
+        whole = np.diag(outcome.calibration.covariance)
+        fit = np.minimum(np.diag(outcome.found.covariance)[: whole.size], whole)
+        for group, target in self._targets.items():
+            own = self._of(group)
+            left, now = whole[own] - fit[own], float(np.sqrt(whole[own].max()))
+            if left.max() >= target**2:
+                return (
+                    f"{group} will not be as accurate as asked for: it is uncertain by {now / target:.3g} times that, "
+                    f"and by {np.sqrt(left.max()) / target:.3g} times that however many attitudes follow. Ctrl-C ends "
+                    "the recording, and calibrates."
+                )
+            more = float(np.max(fit[own] / (target**2 - left))) * self._counted - self._counted
+            if more > _MANY:
+                return f"{group} takes about {more:.2g} attitudes more to be as accurate as asked for."
+        return ""
+
+    def _next(self, now: Seen, up: Array) -> tuple[Array | None, str]:
+        """Return what is to follow: the same until the device has stood still again."""
+        if self._asked is None or self._asked[0] != len(now.had):
+            self._asked = len(now.had), self._plan.next(now, up, self._worth)
         return self._asked[1]
 
-    def _most_telling(self, had: Array, up: Array) -> Array:
-        free = np.array([float(_angles(had, c).min()) > _APART for c in CANDIDATES])
-        if not free.any():
-            free = _angles(CANDIDATES, up) > _APART
-        candidates = CANDIDATES[free]
+    def _worth(self, candidates: Array, up: Array) -> Array:
+        """Return what each direction would say, (k,), in deviations of use; before the first estimate nothing."""
         if self.outcome is None:
-            return np.asarray(candidates[0])
-        return np.asarray(candidates[int(np.argmax(_worth(self.outcome, candidates, up)))])
+            return np.zeros(len(candidates))
+        outcome = self.outcome
+        calibration, layout = outcome.calibration, outcome.found.problem.layout
+        P, gravity = calibration.covariance, outcome.found.parameters.gravity
+        K, k = layout["accel_cross_coupling"], layout["accel_offset"]
+        places = [(p // 3, p % 3) for p in layout.present("accel_cross_coupling").tolist()]
+        # how the length of the force errs by the parameters
+        rows = np.zeros((len(candidates), P.shape[0]))
+        rows[:, K] = np.stack([gravity * candidates[:, i] * candidates[:, j] for i, j in places], axis=1)
+        rows[:, k] = candidates
+        length = np.sqrt(np.einsum("ki,ij,kj->k", rows, P, rows)) / gravity
+        sd = np.sqrt(np.diag(P))[layout["gyro_cross_coupling"]].reshape(3, 3)
+        axes = np.cross(up, candidates)
+        turn = np.abs(axes) @ np.sqrt(np.mean(sd**2, axis=0))
+        return np.asarray(length + turn)
 
 
-def _worth(outcome: StaticOutcome, candidates: Array, up: Array) -> Array:
-    """Return what each direction would say, (k,), in deviations of use."""
-    calibration, layout = outcome.calibration, outcome.found.problem.layout
-    P, gravity = calibration.covariance, outcome.found.parameters.gravity
-    K, k = layout["accel_cross_coupling"], layout["accel_offset"]
-    places = [(p // 3, p % 3) for p in layout.present("accel_cross_coupling").tolist()]
-    # how the length of the force errs by the parameters
-    rows = np.zeros((len(candidates), P.shape[0]))
-    rows[:, K] = np.stack([gravity * candidates[:, i] * candidates[:, j] for i, j in places], axis=1)
-    rows[:, k] = candidates
-    length = np.sqrt(np.einsum("ki,ij,kj->k", rows, P, rows)) / gravity
-    sd = np.sqrt(np.diag(P))[layout["gyro_cross_coupling"]].reshape(3, 3)
-    axes = np.cross(up, candidates)
-    turn = np.abs(axes) @ np.sqrt(np.mean(sd**2, axis=0))
-    return np.asarray(length + turn)
+def _first(held: float, up: Array) -> Advice:
+    if held > 0.5:
+        return Advice("hold", _hold(held), held, up, np.zeros((0, 3)))
+    return Advice("turn", "Lay the device down.", held, up, np.zeros((0, 3)))
 
 
-def _ask(wanted: Array | None) -> str:
-    if wanted is None:
-        return "Turn the device to another attitude."
-    words = [f"{axis} {'up' if v > 0.0 else 'down'}" for axis, v in zip("xyz", wanted, strict=True) if abs(v) > 1e-3]
-    how = ("", " on its face", " on an edge, at 45 deg", " on a corner")[len(words)]
-    return f"Turn it gently{how}: {' and '.join(words)}. Then hold still."
+def _hold(held: float) -> str:
+    return f"Hold still: {held:.1f} s of {HOLD:.0f} s."
 
 
-def _directions(forces: Array) -> Array:
-    return np.asarray(forces / np.maximum(np.linalg.norm(forces, axis=1, keepdims=True), 1e-9))
-
-
-def _up(values: Array) -> Array:
+def _mean(values: Array) -> Array:
     """Return the mean direction of vectors (n, 3)."""
-    return np.asarray(_directions(values.mean(axis=0)[None])[0])
+    return np.asarray(directions(values.mean(axis=0)[None])[0])
 
 
-def _angles(directions: Array, one: Array) -> Array:
-    return np.asarray(np.arccos(np.clip(directions @ one, -1.0, 1.0)))
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")

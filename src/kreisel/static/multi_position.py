@@ -150,7 +150,8 @@ def estimate_static(
     found = fitted(problem, start, NO_NOISE, {}, attitudes)
     if problem.own_frame and (np.diag(found.parameters.sensors.K_a) < 0.0).any():
         found = fitted(problem, _mirrored(found.parameters), found.noise, {})
-    found = _robust(found)
+    tell(0.2)
+    found = _robust(found, tell)
     tell(0.4)
     found = _with_effects(found, tell)
     tell(1.0)
@@ -239,12 +240,14 @@ def part_about(found: StaticEstimate, own: Indices) -> tuple[Array, Array]:
     return found_here.parameters[0], found_here.covariance[0]
 
 
-def _robust(found: StaticEstimate) -> StaticEstimate:
+def _robust(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
     """Return the estimate without standstills and turns that do not fit, one after the other.
 
     A row that is left out has a variance so large that it says nothing; the evidence pays for it.
     """
-    for _ in range(found.problem.rests.count // 4):
+    most = found.problem.rests.count // 4
+    for done in range(most):
+        tell(0.2 + 0.2 * done / most)
         far = {kind: np.abs(r).max(axis=1) for kind, r in found.residuals.items() if r.size}
         name = max(far, key=lambda kind: float(far[kind].max()))
         row = int(np.argmax(far[name]))
@@ -271,6 +274,7 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
         for group in candidates:
             if group in found.problem.effects:
                 continue
+            tell(0.4 + 0.3 * len(first) / len(candidates))
             problem = found.problem.with_effects((*found.problem.effects, group))
             trials[group] = fitted(problem, found.parameters, found.noise, found.inflated, found.attitudes, steps=1)
             first.setdefault(group, trials[group])

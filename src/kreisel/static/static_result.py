@@ -33,7 +33,7 @@ _NO_GRAVITY = (
     "site.latitude_deg and site.height_m, state it)"
 )
 
-_CLIPPED = (
+CLIPPED = (
     "standstills at which a reading is at the end of its range, and that are not used: {count}; choose a larger range"
 )
 """What is said of standstills that are left out for this."""
@@ -149,7 +149,7 @@ def calibrate_static(
     chosen = replace(with_method(problem, method, recording.table, squareness), counts=counts)
     known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]
     of_gravity = [warning for warning in of_site if warning is not NO_LATITUDE]
-    clipped = [DataWarning("standstills", _CLIPPED.format(count=rests.clipped))] if rests.clipped else []
+    clipped = [DataWarning("standstills", CLIPPED.format(count=rests.clipped))] if rests.clipped else []
     said = (*recording.warnings, *chosen.warnings, *clipped, *(of_gravity or known))
     return concluded(recording, replace(chosen, warnings=said), only, progress, began)
 

@@ -61,3 +61,35 @@ def test_odd_stamps_that_do_not_agree_begin_no_part():
     assert len(kept) == 40
     assert stream.odd == 40
     assert len(notes) == 2  # the first, and the tenth
+
+
+@pytest.mark.parametrize("wrap_ns", [2**32, 2**16 * 10**6, 2**32 * 10**3])
+def test_a_counter_that_begins_again_at_zero_goes_on(wrap_ns):
+    stamps = [stamp % wrap_ns for stamp in clock(wrap_ns - 30 * STEP_NS + 1, 2_000)]
+    stream, kept, notes = taken(stamps)
+    assert kept == [(stamp, 1) for stamp in clock(wrap_ns - 30 * STEP_NS + 1, 2_000)]
+    assert (stream.epoch, stream.odd, stream.late, notes) == (1, 0, 0, [])
+
+
+def test_a_counter_begins_again_as_often_as_it_likes():
+    wrap_ns = 2**32
+    stamps = clock(0, 3_000)
+    _, kept, _ = taken([stamp % wrap_ns for stamp in stamps])
+    assert stamps[-1] > 2 * wrap_ns
+    assert kept == [(stamp, 1) for stamp in stamps]
+
+
+@pytest.mark.parametrize("start_ns", [0, 400 * 10**6])
+def test_a_restart_before_the_end_of_the_counter_is_one(start_ns):
+    before = clock(2**32 * 1_000 - 60 * 10**9, 100)
+    stream, _, notes = taken([*before, *clock(start_ns, 100)])
+    assert stream.epoch == 2
+    assert "clock leapt" in notes[0]
+
+
+def test_after_a_restart_a_counter_begins_again_too():
+    wrap_ns = 2**16 * 10**6
+    stamps = clock(wrap_ns - 20 * STEP_NS, 40)
+    stream, kept, _ = taken([*clock(500 * 10**9, 50), *(stamp % wrap_ns for stamp in stamps)])
+    assert kept[50:] == [(stamp, 2) for stamp in stamps]
+    assert stream.epoch == 2

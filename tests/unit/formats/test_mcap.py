@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from kreisel.errors import RecordingError
 from kreisel.formats.bag import load_bag
 from kreisel.formats.loading import load
-from kreisel.formats.mcap import CHUNK_SIZE
+from kreisel.formats.mcap import CHUNK_SIZE, McapWriter
 from kreisel.formats.mcap_file import write_mcap
 from kreisel.recording.recording import ImuSamples, JointAngles, Recording, ReferencePoses
 from kreisel.recording.recording_settings import RecordingSettings
@@ -376,3 +376,44 @@ def test_garbage_is_a_recording_error(small: Path, garbage: bytes) -> None:
     path.write_bytes(b"\x89MCAP0\r\n" + garbage)
     with pytest.raises(RecordingError):
         load_bag(path)
+
+
+def _restarted(path: Path, *, lost_s: float, with_robot: bool) -> None:
+    """Write readings of a device that restarts after 3 s, and comes back after some time."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        for k in range(600):
+            later = k >= 300
+            stamp = 10_000_000 * (k - 300 if later else k + 70_000)
+            log = EPOCH + 10_000_000 * k + (round(lost_s * 1e9) if later else 0)
+            writer.add_imu(stamp, (0.1 * later, 0.0, 0.0), (0.0, 0.0, 9.8), log, 1 + later)
+            if with_robot:
+                writer.add_pose(log, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), log, 1)
+        writer.finish()
+
+
+@pytest.mark.parametrize("lost_s", [0.0, 7.0])
+def test_readings_before_and_after_a_restart_are_joined_by_their_arrival(tmp_path: Path, lost_s: float) -> None:
+    _restarted(tmp_path / "recording.mcap", lost_s=lost_s, with_robot=False)
+    recording = load_bag(tmp_path / "recording.mcap")
+    step = np.diff(recording.imu.stamps_ns) * 1e-9
+    assert step.size == 599
+    assert step[299] == pytest.approx(max(0.2, lost_s + 0.01))
+    np.testing.assert_allclose(np.delete(step, 299), 0.01)
+    np.testing.assert_array_equal(recording.imu.rates[:, 0] > 0.0, np.arange(600) >= 300)
+    said = f"clock: the device's clock leapt, at {step[:300].sum():.1f} s: the readings before and after are joined"
+    assert [str(warning) for warning in recording.warnings] == [f"{said} by their times of arrival"]
+
+
+def test_with_poses_on_a_clock_of_their_own_they_are_not(tmp_path: Path) -> None:
+    _restarted(tmp_path / "recording.mcap", lost_s=0.0, with_robot=True)
+    recording = load_bag(tmp_path / "recording.mcap")
+    assert len(recording.imu.stamps_ns) == 300
+    assert "took /imu/data_raw of /imu/data_raw, /imu/data_raw_2" in str(recording.warnings[0])
+
+
+def test_one_part_can_be_asked_for(tmp_path: Path) -> None:
+    _restarted(tmp_path / "recording.mcap", lost_s=0.0, with_robot=False)
+    recording = load_bag(tmp_path / "recording.mcap", imu="/imu/data_raw_2")
+    assert len(recording.imu.stamps_ns) == 300
+    assert not recording.warnings

@@ -3,16 +3,20 @@
 import itertools
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from kreisel.calibration.device_axes import turned, upper_triangular
+from kreisel.errors import SettingsError
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.recording.recording_settings import RecordingSettings
 from kreisel.simulation.standstills import GRAVITY, GRAVITY_SD, HandHeld
-from kreisel.static.guide import CANDIDATES, ENOUGH, HOLD, Guide
+from kreisel.static.guide import HOLD, Guide
+from kreisel.static.guide_plans import CANDIDATES, PLANS
+from kreisel.static.static_result import calibrate_static
 from kreisel.validation.checks import check_streams
 
 SITE = RecordingSettings.model_validate({"site": {"gravity": GRAVITY, "gravity_sd": GRAVITY_SD}})
@@ -21,22 +25,30 @@ SITE = RecordingSettings.model_validate({"site": {"gravity": GRAVITY, "gravity_s
 class Session:
     """A device, its readings so far, and a guide that sees them."""
 
-    def __init__(self, targets=None, seed=1):
+    def __init__(self, targets=None, seed=1, **how):
         self.device = HandHeld("consumer-mems", np.random.default_rng(seed))
-        self.guide = Guide(targets)
+        self.guide = Guide(partial(calibrate_static, **how), targets, method=how.get("method"), only=how.get("only"))
+        self.range = np.inf
         self.pieces = [self.device.hold(5.5)]
 
     def recording(self):
         w, a = (np.concatenate(part) for part in zip(*self.pieces, strict=True))
+        w = np.clip(w, -self.range, self.range)
         stamps = np.round(np.arange(len(w)) * 1e9 / self.device.rate).astype(np.int64)
         return check_streams(Recording(Path("hand"), ImuSamples(stamps, w, a, Path("hand")), None, settings=SITE))
 
-    def look(self):
-        return self.guide.look(self.recording())
+    def look(self, recording=None):
+        recording = recording or self.recording()
+        advice = self.guide.look(recording)
+        if self.guide.due:
+            self.guide.estimate(recording, advice)
+            return self.guide.look(recording)
+        return advice
 
 
-def followed(session, most=40):
+def followed(session, most=40, obey=None):
     """Do what is asked for until it is enough; return the advice at each step."""
+    obey = obey or (lambda advice: session.device.turn(advice.wanted))
     out = []
     for _ in range(most):
         session.pieces.append(session.device.hold(HOLD + 0.6))
@@ -44,7 +56,7 @@ def followed(session, most=40):
         if out[-1].step == "done":
             break
         assert out[-1].step == "turn"
-        session.pieces.append(session.device.turn(out[-1].wanted))
+        session.pieces.append(obey(out[-1]))
         assert session.look().step != "done"
     return out
 
@@ -54,7 +66,7 @@ def test_who_follows_it_gets_an_accepted_result_within_its_deviations():
     session = Session()
     steps = followed(session)
     assert steps[-1].step == "done"
-    assert ENOUGH <= len(steps[-1].had) <= ENOUGH + 6
+    assert PLANS[None].standstills <= len(steps[-1].had) <= PLANS[None].standstills + 6
     calibration = session.guide.outcome.calibration
     assert calibration.accepted
     assert not calibration.verdict.unobservable
@@ -72,7 +84,7 @@ def test_it_ends_when_what_is_asked_for_is_reached_and_not_before():
     steps = followed(loose)
     assert steps[-1].step == "done"
     assert steps[-1].known["gyroscope.cross_coupling"] <= 3e-3
-    assert len(steps[-1].had) < ENOUGH
+    assert len(steps[-1].had) < PLANS[None].standstills
     assert all(step.step == "turn" for step in followed(strict, most=14))
 
 
@@ -129,7 +141,7 @@ def test_rates_in_another_unit_stop_it_after_seven_attitudes():
         session.pieces += [session.device.turn(up), session.device.hold(HOLD + 0.6)]
         recording = session.recording()
         wrong = replace(recording.imu, rates=recording.imu.rates * np.pi / 180.0)
-        texts.append(session.guide.look(replace(recording, imu=wrong)).text)
+        texts.append(session.look(replace(recording, imu=wrong)).text)
     assert texts[4].startswith("Turn it")
     assert texts[-1].startswith("Stop, for more attitudes do not help")
     assert "are they in deg/s, and not in rad/s?" in texts[-1] or "deg/s" in texts[-1]
@@ -153,3 +165,114 @@ def test_the_document_is_plain(count):
     unknown = replace(advice, known={"accelerometer.lever_arms": np.inf, "gyroscope.offset": 1e-3}).document
     assert unknown["known"] == {"accelerometer.lever_arms": None, "gyroscope.offset": 1e-3}
     json.dumps(unknown, allow_nan=False)  # a browser reads no other numbers
+
+
+def laid(session, ups):
+    for up in ups:
+        session.pieces += [session.device.turn(np.asarray(up)), session.device.hold(HOLD + 0.6)]
+
+
+@pytest.mark.slow
+def test_who_asks_for_accelerometers_alone_is_done_although_gyros_are_cut_off():
+    session = Session(only="accelerometer")
+    session.range = 1.0
+    steps = followed(session)
+    assert steps[-1].step == "done"
+    assert set(steps[-1].known) == {"accelerometer.cross_coupling", "accelerometer.offset"}
+    assert "turn more slowly" in steps[-2].note
+
+
+@pytest.mark.slow
+def test_six_positions_are_six_faces_and_each_of_them_twice():
+    session = Session(method="six-position")
+    steps = followed(session)
+    assert steps[-1].step == "done"
+    assert len(steps[-1].had) >= 12
+    asked = np.array([step.wanted for step in steps[:-1]])
+    assert (np.abs(asked).max(axis=1) > 0.99).all()
+    assert session.guide.outcome.method == "six-position"
+
+
+@pytest.mark.slow
+def test_ferraris_asks_for_a_whole_turn_about_each_axis():
+    session = Session(method="ferraris")
+    asked = []
+
+    def obey(advice):
+        if "once round" not in advice.text:
+            return session.device.turn(advice.wanted)
+        asked.append(int(np.argmax(np.abs(advice.up))))
+        return session.device.rotate(2.0 * np.pi * advice.up, 5.0)
+
+    steps = followed(session, obey=obey)
+    assert steps[-1].step == "done"
+    assert sorted(asked) == [0, 1, 2]
+    assert session.guide.outcome.method == "ferraris"
+
+
+@pytest.mark.slow
+def test_a_hinge_is_turned_and_the_device_mounted_another_way():
+    session = Session(method="hinge")
+    axes = itertools.cycle(np.array([[1.0, 0.05, 0.02], [0.03, 1.0, -0.04], [-0.05, 0.02, 1.0]]))
+    at = {"axis": next(axes)}
+
+    def obey(advice):
+        if "another of its axes" in advice.text:
+            at["axis"] = next(axes)
+            return session.device.turn(advice.up + np.roll(advice.up, 1))
+        assert "by about 90 deg" in advice.text
+        return session.device.rotate(0.5 * np.pi * at["axis"] / np.linalg.norm(at["axis"]), 2.0)
+
+    steps = followed(session, obey=obey)
+    assert steps[-1].step == "done"
+    assert steps[-1].wanted is None
+    assert session.guide.outcome.method == "hinge"
+
+
+def test_two_faces_in_turn_are_never_enough():
+    session = Session()
+    laid(session, 11 * [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    assert session.look().step == "turn"
+
+
+def test_accelerometers_at_the_end_of_their_range_are_said():
+    session = Session()
+    laid(session, np.eye(3))
+    recording = session.recording()
+    clipped = replace(recording.imu, accelerations=np.clip(recording.imu.accelerations, -9.5, 9.5))
+    assert "at the end of its range" in session.guide.look(replace(recording, imu=clipped)).note
+
+
+def test_what_will_never_be_reached_is_said_and_what_takes_long_with_a_number():
+    never, long = Session({"gyroscope.offset": 1e-9}), Session({"gyroscope.cross_coupling": 1e-4})
+    for session in (never, long):
+        laid(session, CANDIDATES[:12])
+        session.note = session.look().note
+    assert "will not be as accurate as asked for" in never.note
+    assert "however many attitudes follow" in never.note
+    assert "attitudes more to be as accurate as asked for" in long.note
+
+
+@pytest.mark.parametrize(
+    ("targets", "how", "message"),
+    [({"accelerometer.lever_arms": 1e-3}, {}, "not estimated here"),
+     ({"gyroscope.offset": 1e-3}, {"only": "accelerometer"}, "not estimated here"),
+     ({}, {"method": "turntable"}, "does not guide the method turntable")],
+)  # fmt: skip
+def test_what_it_cannot_guide_is_refused_before_the_recording(targets, how, message):
+    with pytest.raises(SettingsError, match=message):
+        Guide(calibrate_static, targets, **how)
+
+
+def test_an_estimate_ends_when_its_progress_does():
+    session = Session()
+    laid(session, CANDIDATES[:7])
+    recording = session.recording()
+    advice = session.guide.look(recording)
+    assert session.guide.due
+
+    def stopped(step, share):
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        session.guide.estimate(recording, advice, stopped)

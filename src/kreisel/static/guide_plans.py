@@ -1,0 +1,169 @@
+"""Which attitude is to follow: by the method, and by what the readings so far leave open."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array, Mask
+from kreisel.recording.recording import ImuSamples
+from kreisel.static.rests import Rests
+
+APART, SAME = np.radians(20.0), np.radians(12.0)
+"""Angles between attitudes that count as different, and as the same one again."""
+
+FACES = 6
+"""Of the candidates, those that come first are the faces."""
+
+_ROUND = 0.15
+"""Share by which a whole turn by uncalibrated gyros may differ from one. Chosen: no device errs by more."""
+
+_QUARTERS = 5
+"""Standstills in one mounting on a hinge: four quarters of a turn, there and back."""
+
+CANDIDATES: Array = np.array(
+    sorted((v for v in itertools.product((1.0, 0.0, -1.0), repeat=3) if any(v)), key=lambda v: sum(map(abs, v)))
+)
+CANDIDATES /= np.linalg.norm(CANDIDATES, axis=1, keepdims=True)
+"""Directions in the device that may be up, (26, 3): its faces, edges and corners, in this order."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the standstills so far were.
+
+    Attributes
+    ----------
+    had : (M, 3)
+        What was up, of unit length.
+    rounds : (M - 1,)
+        Which turns were whole ones about the vertical, from a face to itself.
+    """
+
+    had: Array
+    rounds: Mask
+
+    @property
+    def attitudes(self) -> int:
+        """Number of attitudes that differ."""
+        kept: list[Array] = []
+        for up in self.had:
+            if not kept or angles(np.array(kept), up).min() > SAME:
+                kept.append(up)
+        return len(kept)
+
+    @property
+    def faces(self) -> Array:
+        """How often each face was up, (6,)."""
+        return np.array([np.count_nonzero(angles(self.had, face) < APART) for face in CANDIDATES[:FACES]])
+
+    @property
+    def turned_round(self) -> set[int]:
+        """Axes about which there was a whole turn."""
+        return {int(np.argmax(np.abs(up))) for up in self.had[:-1][self.rounds]}
+
+
+def seen(imu: ImuSamples, rests: Rests) -> Seen:
+    """Return what the standstills were, and which turns between them were whole ones."""
+    had = directions(rests.forces)
+    if rests.count < 2:
+        return Seen(had, np.zeros(max(0, rests.count - 1), dtype=bool))
+    offset = np.median(rests.rates, axis=0)
+    step = np.diff(imu.seconds, prepend=imu.seconds[0])[:, None]
+    angle = np.cumsum((imu.rates - offset) * step, axis=0)
+    way = angle[rests.first[1:]] - angle[rests.last[:-1] - 1]
+    about = np.abs(np.einsum("mi,mi->m", way, had[:-1])) / (2.0 * np.pi)
+    number = np.round(about)
+    same = np.einsum("mi,mi->m", had[:-1], had[1:]) > np.cos(SAME)
+    return Seen(had, same & (number >= 1.0) & (np.abs(about - number) < _ROUND * number))
+
+
+Worth = Callable[[Array, Array], Array]
+"""What each of some directions (k, 3) would say, (k,), if up (3,) is up now."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a method asks for.
+
+    Attributes
+    ----------
+    method
+        One of `static_methods.METHODS`, or none.
+    standstills, attitudes
+        With which an accepted result is enough where no accuracy is asked for.
+    """
+
+    method: str | None
+    standstills: int
+    attitudes: int
+
+    def complete(self, so_far: Seen) -> bool:
+        """Return whether the method has what it needs for an estimate."""
+        if self.method == "six-position":
+            return bool(so_far.faces.all())
+        return self.method != "ferraris" or bool(so_far.faces.all() and len(so_far.turned_round) == 3)
+
+    def enough(self, so_far: Seen) -> bool:
+        """Return whether there were as many standstills and attitudes as a result needs by experience."""
+        return len(so_far.had) >= self.standstills and so_far.attitudes >= self.attitudes
+
+    def next(self, so_far: Seen, up: Array, worth: Worth) -> tuple[Array | None, str]:
+        """Return what is to be up next, (3,), if that is known, and what to do, one sentence."""
+        if self.method == "hinge":
+            return None, (
+                "Fix it to the hinge with another of its axes along the hinge's, then hold still."
+                if len(so_far.had) % _QUARTERS == 0
+                else "Turn it about the hinge by about 90 deg, then hold still."
+            )
+        if self.method == "ferraris" and self._to_be_turned_round(so_far, up):
+            return up, "Leave it on this face, and turn it once round on the table, by 360 deg. Then hold still."
+        if self.method in ("six-position", "ferraris"):
+            wanted = _rarest_face(so_far, up)
+        else:
+            wanted = _most_telling(so_far.had, up, worth)
+        return wanted, _ask(wanted)
+
+    def _to_be_turned_round(self, so_far: Seen, up: Array) -> bool:
+        near = float(angles(CANDIDATES[:FACES], up).min()) < SAME
+        return near and int(np.argmax(np.abs(up))) not in so_far.turned_round
+
+
+PLANS = {
+    None: Plan(None, 18, 12), "multi-position": Plan("multi-position", 18, 12),
+    "six-position": Plan("six-position", 12, 6), "ferraris": Plan("ferraris", 12, 6), "hinge": Plan("hinge", 18, 4),
+}  # fmt: skip
+"""By the method that is stated. Chosen: with so many of the simulated devices all but a few are accepted."""
+
+
+def _rarest_face(so_far: Seen, up: Array) -> Array:
+    count = np.where(angles(CANDIDATES[:FACES], up) < APART, np.inf, so_far.faces)
+    return np.asarray(CANDIDATES[int(np.argmin(count))])
+
+
+def _most_telling(had: Array, up: Array, worth: Worth) -> Array:
+    """Return the direction that says most, one that nobody has had before others."""
+    free = np.array([not len(had) or float(angles(had, c).min()) > APART for c in CANDIDATES])
+    if not free.any():
+        free = angles(CANDIDATES, up) > APART
+    candidates = CANDIDATES[free]
+    return np.asarray(candidates[int(np.argmax(worth(candidates, up)))])
+
+
+def _ask(wanted: Array) -> str:
+    words = [f"{axis} {'up' if v > 0.0 else 'down'}" for axis, v in zip("xyz", wanted, strict=True) if abs(v) > 1e-3]
+    how = ("", " on its face", " on an edge, at 45 deg", " on a corner")[len(words)]
+    return f"Turn it gently{how}: {' and '.join(words)}. Then hold still."
+
+
+def directions(forces: Array) -> Array:
+    """Return vectors (n, 3) with unit length."""
+    return np.asarray(forces / np.maximum(np.linalg.norm(forces, axis=1, keepdims=True), 1e-9))
+
+
+def angles(vectors: Array, one: Array) -> Array:
+    """Return the angles between unit vectors (n, 3) and one of them, (n,)."""
+    return np.asarray(np.arccos(np.clip(vectors @ one, -1.0, 1.0)))
