@@ -47,6 +47,8 @@ class HandTurns:
         Rms angle of a hand's tremor at standstills, rad, at about 6 Hz.
     creep
         Angle by which each standstill slowly turns, rad.
+    twist
+        rad/s: rate at which every standstill turns, about the same axis of the device.
     slip
         Angle by which one in six standstills slips suddenly in its middle, rad.
     vibration
@@ -90,6 +92,7 @@ class HandTurns:
     turn: float = 2.0
     tremor: float = 0.0
     creep: float = 0.0
+    twist: tuple[float, float, float] = (0.0, 0.0, 0.0)
     slip: float = 0.0
     vibration: float = 0.0
     warm_up: float = 0.0
@@ -320,8 +323,8 @@ def _unrest(how: HandTurns, n: int, rate: float, rng: np.random.Generator) -> tu
         speed += size * frequency * np.cos(frequency * t[:, None] + phase)
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
-    angle += how.creep * direction * ramp[:, None]
-    speed += how.creep * direction / t[-1]
+    angle += how.creep * direction * ramp[:, None] + np.array(how.twist) * t[:, None]
+    speed += how.creep * direction / t[-1] + np.array(how.twist)
     if how.slip and rng.random() < 1.0 / 6.0:
         s, v = _smooth((t - 0.5 * t[-1]) / 0.05)
         angle += how.slip * direction * s[:, None]

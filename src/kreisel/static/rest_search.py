@@ -147,7 +147,9 @@ def _measured(imu: ImuSamples, first: Indices, last: Indices, step: int) -> Rest
         kept.append((a, b))
         scatters.append([(x**2).mean(axis=0) / 2.0 for x in noise])
         mean = [x[a:b].mean(axis=0) for x in (imu.rates, imu.accelerations)]
-        rows.append([*mean[0], *mean[1], beyond / np.sqrt(3.0)])
+        up = mean[1] / np.linalg.norm(mean[1])
+        turning = np.cross(change, up) / (np.linalg.norm(mean[1]) * (parts - half) * step * imu.interval)
+        rows.append([*mean[0], *mean[1], beyond / np.sqrt(3.0), *turning])
     if not kept:
         raise RecordingError(
             "no standstill is found: lay the device down, or hold it firmly, for two seconds or more in each attitude",
@@ -157,6 +159,7 @@ def _measured(imu: ImuSamples, first: Indices, last: Indices, step: int) -> Rest
     white = np.sqrt(np.median(np.array(scatters), axis=0) * step * imu.interval)
     found = Rests(
         a, b, 0.5 * (t[a] + t[b - 1]), t[b - 1] - t[a], table[:, :3], table[:, 3:6], table[:, 6],
+        table[:, 7:],
         np.maximum(white[0], 1e-9), np.maximum(white[1], 1e-8),
         rounding_variance(imu.rates, kept, table[:, :3]), rounding_variance(imu.accelerations, kept, table[:, 3:6]),
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ class Rests:
         Mean readings.
     creep : (M,)
         Rms change of the force within a standstill that is not noise, m/s^2.
+    turning : (M, 3)
+        Rate at which gravity turns within a standstill, in the device's axes, rad/s; about the vertical it shows none.
     density_w, density_a : (3,)
         White noise of gyros and accelerometers at standstill, per root hertz.
     rounding_w, rounding_a : (M, 3)
@@ -40,6 +42,7 @@ class Rests:
     rates: Array
     forces: Array
     creep: Array
+    turning: Array
     density_w: Array
     density_a: Array
     rounding_w: Array
@@ -58,6 +61,6 @@ class Rests:
 
     def part(self, keep: Mask | Indices) -> Rests:
         """Return some of the standstills."""
-        own = ("first", "last", "seconds", "durations", "rates", "forces", "creep", "rounding_w", "rounding_a")
-        kept = {name: getattr(self, name)[keep] for name in own}
+        common = ("density_w", "density_a", "clipped")
+        kept = {one.name: getattr(self, one.name)[keep] for one in fields(self) if one.name not in common}
         return replace(self, **kept)

@@ -23,6 +23,7 @@ from kreisel.static.lost_share import lost_share
 from kreisel.static.multi_position import StaticEstimate, estimate_static, part_about, shows_even_terms, undecided_by
 from kreisel.static.rest_problem import RestProblem, nuisance, raw_of
 from kreisel.static.rest_search import find_rests
+from kreisel.static.slow_turn import common_turn, effect_of
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
 from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import judge_static
@@ -71,6 +72,12 @@ _KNOWN = 0.1
 _LOST = 2e-3
 """Share of lost samples from which on it is said. Chosen: that of usual scale factors after calibration."""
 
+
+_TURNING = (
+    "the device turns at its standstills, by {rate:.2g} rad/s about one of its axes, as gravity shows: the gyros' "
+    "offsets are uncertain by as much; lay it down"
+)
+"""What is said of such standstills."""
 
 _ALONG = 0.97
 """Component of a unit vector from which on it is called along an axis: within 14 deg."""
@@ -175,11 +182,18 @@ def concluded(
     least, most = lost_share(found.problem.imu, rests)
     walked = _walked(found)
     own = found.problem.reported
-    more = [replace(one, columns=one.columns[:own]) for one in _contributions(found, walked, most, chosen)]
+    turning = common_turn(rests)
+    contributions = [
+        *_contributions(found, walked, most, chosen),
+        Contribution("standstills that turn", Source.MISFIT, effect_of(turning, found)),
+    ]
+    more = [replace(one, columns=one.columns[:own]) for one in contributions]
     covariance = np.asarray(found.covariance[:own, :own] + sum(one.covariance for one in more))
     halves = _halves(found, walked)
     halves = None if halves is None else halves[:own]
     warnings = (*chosen.warnings, *_remarks(found, walked, least))
+    if turning.any():
+        warnings = (*warnings, DataWarning("standstills", _TURNING.format(rate=float(np.linalg.norm(turning)))))
     verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only)
     judged = Judged(chosen, covariance, budget_of(found, more), verdict, time.perf_counter() - began, warnings)
     names = found.problem.names[:own]

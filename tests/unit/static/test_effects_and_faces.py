@@ -11,6 +11,7 @@ from kreisel.static.first_values import first_values
 from kreisel.static.multi_position import estimate_static
 from kreisel.static.rest_problem import RestProblem, raw_of
 from kreisel.static.rest_search import find_rests
+from kreisel.static.slow_turn import common_turn
 from kreisel.static.static_result import calibrate_static
 from kreisel.validation.checks import check_streams
 
@@ -44,6 +45,26 @@ def test_quadratic_accelerometers_are_found_on_faces(seed):
     considered = {one.group: one for one in outcome.found.considered}
     assert considered["accel_polynomial"].included
     assert considered["accel_polynomial"].gain > 10.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_standstills_that_all_turn_about_one_axis_are_seen_by_gravity(seed):
+    """To the gyros such a turn is an offset: it was up to 58 deviations off."""
+    twist = np.array([4e-4, -6e-4, 2e-4])
+    truth, recording = turned(seed, attitudes=20, twist=tuple(twist))
+    np.testing.assert_allclose(common_turn(find_rests(recording.imu)), twist, atol=1e-4)
+    outcome = calibrate_static(recording)
+    assert any("the device turns at its standstills" in warning.message for warning in outcome.warnings)
+    offset = outcome.calibration.sensors.k_w[0] - truth.k_w[0]
+    assert np.abs(offset).max() > 2e-4
+    assert np.abs(offset / outcome.calibration.sensor_sd.k_w[0]).max() < 3.0
+    assert largest(outcome, truth) < 4.0
+
+
+@pytest.mark.parametrize("how", [{}, {"creep": 3e-3}, {"slip": 5e-3}, {"tremor": 2e-3}, {"attitudes": 7}])
+def test_standstills_that_turn_about_any_axis_have_no_turn_in_common(how):
+    for seed in range(4):
+        assert not common_turn(find_rests(turned(seed, **how)[1].imu)).any()
 
 
 @pytest.mark.parametrize("seed", range(3))
