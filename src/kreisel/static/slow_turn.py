@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import f as f_ratio
 
 from kreisel.geometry.rotation import Array
 from kreisel.static.multi_position import StaticEstimate
@@ -15,8 +14,8 @@ from kreisel.static.rests import Rests
 _FEWEST = 6
 """Standstills from which on a turn that they have in common is looked for."""
 
-_BY_CHANCE = 1e-4
-"""Probability of as large a turn in common where there is none. Chosen: of ten thousand good recordings one pays."""
+_CLEAR = 21.1
+"""Chi-square with three degrees of freedom that is exceeded once in ten thousand times without any turn."""
 
 
 def common_turn(rests: Rests) -> Array:
@@ -37,8 +36,8 @@ def common_turn(rests: Rests) -> Array:
     left = rests.turning - across @ rate
     covariance = inverse @ (left.T @ left) @ inverse * count / (count - 3)
     square = float(rate @ np.linalg.pinv(covariance) @ rate)
-    by_chance = f_ratio.sf(square * (count - 3) / (3.0 * (count - 1)), 3, count - 3)
-    return rate if by_chance < _BY_CHANCE else np.zeros(3)
+    # Hotelling's: by Bartlett's approximation of Wilks' lambda, chi-square
+    return rate if (count - 2.5) * np.log1p(square / (count - 1)) > _CLEAR else np.zeros(3)
 
 
 def effect_of(rate: Array, found: StaticEstimate) -> Array:
