@@ -7,6 +7,7 @@ difference of the attitudes by gyros and by reference.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +38,10 @@ _MIN_GAIN, _ALIKE = 50.0, 10.0
 """Chi-square by which lost samples must be better than a slower clock, and may be worse than a clock that only jumps:
 at rest the two are the same. With the first, none were found where none are lost (decision 17 in docs/decisions); the
 second is chosen."""
+
+_UNEVEN, _BEYOND = 0.05, 8.0
+"""Intervals and deviations by which a part's shift is off that makes losses worth looking for. Chosen: parts of a
+recording in which one sample after the other is lost average to a tenth of an interval."""
 
 _MAX_WORK = 50_000_000
 """Poses times shifts that are tried. Chosen: 14 bytes are kept of each, 0.7 GB."""
@@ -75,12 +80,15 @@ class LostSamples:
         Of the stamps.
     unsure : (k, 2)
         Reference seconds between which each place lies for sure.
+    faster
+        Share by which the sensor measures faster than it is asked, if that is why.
     """
 
     places: Indices
     counts: Indices
     interval_ns: int
     unsure: Array
+    faster: float = 0.0
 
     def sure_poses(self, reference: ReferencePoses) -> Mask:
         """Return which poses do not depend on where exactly samples were lost: outside these intervals, or at rest."""
@@ -106,9 +114,14 @@ class LostSamples:
 
     def restored(self, imu: ImuSamples) -> ImuSamples:
         """Return the readings with later stamps after lost samples."""
-        late = np.zeros(imu.stamps_ns.size, dtype=np.int64)
-        np.add.at(late, self.places, self.counts)
-        return replace(imu, stamps_ns=imu.stamps_ns + self.interval_ns * np.cumsum(late))
+        missing = np.zeros(imu.stamps_ns.size, dtype=np.int64)
+        np.add.at(missing, self.places, self.counts)
+        stamps = imu.stamps_ns + self.interval_ns * np.cumsum(missing)
+        if not self.faster:
+            return replace(imu, stamps_ns=stamps)
+        shorter = np.round((stamps - stamps[0]) / (1.0 + self.faster)).astype(np.int64)
+        late = 1e-9 * self.interval_ns * 12**-0.5  # up to an interval passes until a sample is asked for
+        return replace(imu, stamps_ns=stamps[0] + shorter, lateness=math.hypot(imu.lateness, late))
 
     def warning(self, imu: ImuSamples) -> DataWarning:
         """Return the warning about them."""
@@ -116,6 +129,14 @@ class LostSamples:
         named = ", ".join(f"{t:.1f}" for t in seconds[:_NAMED])
         more = f" and {seconds.size - _NAMED} more places" if seconds.size > _NAMED else ""
         total = int(self.counts.sum())
+        if self.faster:
+            every, between = 1e-6 * self.interval_ns, 1e-9 * self.interval_ns / self.faster
+            text = (
+                f"the sensor measures {100.0 * self.faster:.2g} % faster than its readings are asked for, every "
+                f"{every:.5g} ms: {total} samples were lost without a gap, one every {between:.3g} s, as the reference "
+                "shows; the stamps are now those of its measurements"
+            )
+            return DataWarning("stamps", text)
         text = (
             f"stamps are counted every {1e-6 * self.interval_ns:.5g} ms, but {total} "
             f"sample{'s were' if total > 1 else ' was'} lost without a gap, at {named} s{more}, as the reference "
@@ -192,7 +213,7 @@ def _suspicious(fit: RateFit, T: float) -> bool:
     _, shift, sd = fit.clock_drift.T
     known = np.isfinite(shift) & (sd < T)
     off = shift[known] - np.median(shift[known]) if known.any() else np.zeros(0)
-    uneven = (np.abs(off) > 0.2 * T) & (np.abs(off) > 5.0 * sd[known])
+    uneven = (np.abs(off) > _UNEVEN * T) & (np.abs(off) > _BEYOND * sd[known])
     return bool(uneven.any()) or fit.clock.skew < -3.0 * fit.clock.skew_sd - 1e-6
 
 

@@ -1,0 +1,89 @@
+"""Samples lost at even intervals: of a sensor that measures a little faster than it is asked for readings.
+
+Some of these losses show by the reference, those at rest do not. Where the former lie on a comb, all others are on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kreisel.geometry.rotation import Array
+from kreisel.recording.recording import Stamps
+from kreisel.synchronization.clock import Clock
+from kreisel.synchronization.lost_samples import LostSamples
+from kreisel.validation.stamp_checks import runs
+
+_FEWEST, _MOST = 3, 0.8
+"""Losses that were found from which on combs are looked for, and share of them that must lie on one."""
+
+_SHORTEST, _COMBS = 4.0, 16
+"""s: least period, and most combs that are tried, those with the longest periods. Chosen: by shorter periods too much
+of a recording lies near a tooth to be used."""
+
+_BESIDE = 0.1
+"""s: what the place of a loss may be off beyond where it lies for sure."""
+
+_SURE = 3.0
+"""Deviations of a tooth's place between which it lies."""
+
+
+def evenly_lost(found: LostSamples, stamps_ns: Stamps, clock: Clock) -> list[LostSamples]:
+    """Return losses at every tooth of the combs on which those found lie, one for each comb.
+
+    Which is right, if any, is seen by what it leaves of the differences to the reference.
+
+    Parameters
+    ----------
+    found
+        With the interval of counted stamps.
+    stamps_ns : (n,)
+        Counted stamps of all readings.
+    clock
+        By these stamps.
+    """
+    if found.places.size < _FEWEST:
+        return []
+    places = clock.imu_time(found.unsure)
+    whole = 1e-9 * float(stamps_ns[-1] - stamps_ns[0])
+    low, high = places[:, 0] - _BESIDE, places[:, 1] + _BESIDE
+    step = 0.2 * float(np.median(high - low)) / whole
+    periods = np.exp(np.arange(np.log(_SHORTEST), np.log(max(whole / _FEWEST, _SHORTEST)), step))
+    number = np.array([_most_on(float(period), low, high)[0] for period in periods])
+    begin, end = runs(number >= max(_FEWEST, _MOST * len(places)))
+    middle = [float(periods[a + int(np.median(np.flatnonzero(number[a:b] == number[a:b].max())))])
+              for a, b in zip(begin, end, strict=True)]  # fmt: skip
+    return [_on_comb(found, stamps_ns, clock, period) for period in sorted(middle, reverse=True)[:_COMBS]]
+
+
+def _on_comb(found: LostSamples, stamps_ns: Stamps, clock: Clock, period: float) -> LostSamples:
+    """Return losses at every tooth of the comb of about a period on which most of those found lie."""
+    places = clock.imu_time(found.unsure)
+    whole = 1e-9 * float(stamps_ns[-1] - stamps_ns[0])
+    low, high = places[:, 0] - _BESIDE, places[:, 1] + _BESIDE
+    phase = _most_on(period, low, high)[1]
+    middle, width = 0.5 * (low + high), high - low
+    tooth = np.round((middle - phase) / period)
+    on = np.abs(middle - phase - period * tooth) <= 0.5 * width + _BESIDE
+    (slope, first), covariance = np.polyfit(tooth[on], middle[on], 1, w=12**0.5 / width[on], cov="unscaled")
+    numbers = np.arange(np.ceil(-first / slope), np.floor((whole - first) / slope) + 1.0)
+    teeth = first + slope * numbers
+    sd = np.sqrt(covariance[1, 1] + 2.0 * numbers * covariance[0, 1] + numbers**2 * covariance[0, 0])
+    at = np.clip(np.round(1e9 * teeth / found.interval_ns), 1, stamps_ns.size - 1).astype(np.int64)
+    beside = _SURE * sd + _BESIDE
+    between = clock.reference_time(np.column_stack([teeth - beside, teeth + beside]))
+    return replace(found, places=at, counts=np.ones_like(at), unsure=between, faster=1e-9 * found.interval_ns / slope)
+
+
+def _most_on(period: float, low: Array, high: Array) -> tuple[int, float]:
+    """Return the most places on a comb of a period, and the middle of the phases that they have in common."""
+    begin, size = np.mod(low, period), high - low
+    edges = np.concatenate([begin, begin + size, begin + period, begin + size + period])
+    change = np.repeat([1, -1, 1, -1], low.size)
+    order = np.lexsort((-change, edges))
+    inside = np.cumsum(change[order])
+    k = int(np.argmax(inside))
+    if np.any(size >= period):
+        return 0, 0.0
+    return int(inside[k]), float(edges[order][k : k + 2].mean())
