@@ -24,6 +24,10 @@ _YAW, _ANY = 1e-4, 10.0
 _GRID = 2.0 ** np.arange(-3.0, 13.0)
 """Sizes of a figure that are compared, in units of what the white noise hides. Chosen: an eighth of that is nothing."""
 
+_BELOW = 7.0
+"""Weight of the smallest size, of one for each other: a thousandth of what white noise hides is as likely as any size,
+and the data are the same for all that are smaller than an eighth. Chosen: devices that lie still have none."""
+
 _LARGE, _UNSURE = 10, np.log(3.0)
 """Place in it of a size that explains everything, and deviation of the logarithm of a figure that is usual."""
 
@@ -208,6 +212,7 @@ def _by_turns(evidence: Callable[[Array], Array], start: Array, hidden: Array, l
             trial[:, k] = hidden[k] * _GRID
             own = evidence(trial)
             chance = np.exp(own - own.max())
+            chance[0] *= _BELOW
             figures[k] = hidden[k] * np.sqrt(chance @ _GRID**2 / chance.sum())
         if np.all(np.abs(figures - before) <= _SETTLED * before):
             break
