@@ -4,11 +4,12 @@ import asyncio
 import json
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from urllib.request import urlopen
 
 import numpy as np
@@ -170,6 +171,28 @@ def test_a_device_that_nobody_reaches_is_said_and_does_not_wait_for_ever(tmp_pat
     assert done.returncode == 1
     assert "No readings come from csv://127.0.0.1:1" in done.stderr
     assert not (tmp_path / "out" / "recording.mcap").exists()
+
+
+def test_lines_that_cannot_be_read_end_it_with_the_reason(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def send():
+            connection, _ = server.accept()
+            with connection, suppress(OSError):
+                connection.sendall(b"#t [ms],w_x [rpm],w_y,w_z,a_x [g],a_y,a_z\n")
+                for k in range(3000):
+                    connection.sendall(f"{10 * k},0,0,0,0,0,1\n".encode())
+                    time.sleep(0.01)
+
+        threading.Thread(target=send, daemon=True).start()
+        address = f"csv://127.0.0.1:{server.getsockname()[1]}"
+        done = subprocess.run(
+            [*PROGRAM, "static", "--live", address, "-o", str(tmp_path / "out")],
+            capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(f"kreisel: no readings came from {address}: CSV line: column w_x is in 'rpm'; known units")
 
 
 def test_the_page_is_told_what_is_new(tmp_path):

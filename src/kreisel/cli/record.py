@@ -114,6 +114,7 @@ def check_complete(status: Status, imus: Sequence[Address], robot: Address | Non
     DeviceError
         With the last message about the device.
     """
+    from kreisel.devices.faults import AGAIN
     from kreisel.errors import DeviceError
 
     if status.complete(with_robot=robot is not None):
@@ -126,10 +127,9 @@ def check_complete(status: Status, imus: Sequence[Address], robot: Address | Non
     missing = [(address, what) for address, what, count in counts if not count]
     messages = []
     for address, what in missing:
-        notes = [note.removeprefix(f"{address}: ") for note in status.notes if note.startswith(f"{address}: ")]
-        messages.append(
-            f"no {what} came from {address}{f': {notes[-1]}' if notes else ''}".removesuffix("; trying again")
-        )
+        own = f"{address}: "
+        notes = [note.removeprefix(own) for note in status.notes if len(counts) == 1 or note.startswith(own)]
+        messages.append(f"no {what} came from {address}{f': {notes[-1]}' if notes else ''}".removesuffix(AGAIN))
     kept = "nothing was recorded" if status.empty else place.kept_elsewhere()
     raise DeviceError(f"{'; '.join(messages)}; {kept}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -27,6 +28,9 @@ _PAUSE = 0.3
 
 _SILENT = 5.0
 """Seconds without a reading after which that is said."""
+
+_USELESS = 15.0
+"""Seconds of lines that cannot be read, and nothing else, after which it ends."""
 
 _LINGER = 1.0
 """Seconds for which the page is served when all is done. Chosen: twenty of the intervals at which it looks."""
@@ -213,7 +217,7 @@ class _Silence:
         self._began = self._last = time.monotonic()
 
     def __call__(self, status: Status) -> None:
-        from kreisel.devices.faults import REPEATED
+        from kreisel.devices.faults import AGAIN, REPEATED
 
         for note in status.notes[self._noted :]:
             if not note.endswith(REPEATED):
@@ -226,7 +230,9 @@ class _Silence:
         if self.lasts:
             why = f" ({self._note})" if self._note and not self._count else ""
             self._say.problem(f"No readings come from {self._address}{why}: is it connected, and does it send?")
-        if not self._count and self._seconds is not None and now - self._began > self._seconds:
+        useless = bool(self._note) and AGAIN not in self._note  # it sends, but nothing that can be read
+        longest = min(math.inf if self._seconds is None else self._seconds, _USELESS if useless else math.inf)
+        if not self._count and now - self._began > longest:
             self._stop.set()
 
 

@@ -14,7 +14,7 @@ from kreisel.devices.address import Address
 from kreisel.devices.datagrams import Clock, datagrams, takes_datagrams
 from kreisel.devices.dialogue import Session
 from kreisel.devices.events import Arrival, Event, Level, Notice
-from kreisel.devices.faults import SILENCE, Faults
+from kreisel.devices.faults import AGAIN, SILENCE, Faults
 from kreisel.devices.sessions import session_at
 from kreisel.errors import ProtocolError, SettingsError
 
@@ -52,7 +52,7 @@ async def _stream(address: Address, clock: Clock) -> AsyncIterator[Event]:
         except (OSError, TimeoutError) as error:
             if lost_ns is None:
                 lost_ns = clock()
-                yield Notice(Level.LOST, f"{address}: cannot be reached ({_why(error)}); trying again", lost_ns)
+                yield Notice(Level.LOST, f"{address}: cannot be reached ({_why(error)}){AGAIN}", lost_ns)
             await asyncio.sleep(RETRY)
             continue
         why = ProtocolError("connection", "closed by the device")

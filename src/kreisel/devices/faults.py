@@ -20,6 +20,9 @@ _PAUSE_NS = 1_000_000_000
 """ns in which a kind of fault is reported once. Chosen: a person can read as much; the number is reported, too."""
 
 
+AGAIN = "; trying again"
+"""End of the report that a device cannot be reached."""
+
 REPEATED = "such messages so far)"
 """End of the report of a fault that was reported before."""
 

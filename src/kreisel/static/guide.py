@@ -16,7 +16,7 @@ import numpy as np
 from kreisel.errors import KreiselError, RecordingError, SettingsError
 from kreisel.geometry.rotation import Array
 from kreisel.progress import Progress
-from kreisel.recording.recording import Recording
+from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.static.guide_plans import PLANS, SAME, Seen, angles, directions, seen
 from kreisel.static.rest_search import find_rests, held_still
 from kreisel.static.rests import Rests
@@ -33,6 +33,13 @@ _FAILURES = 2
 
 _NARROW = np.radians(35.0)
 """Largest angle from the mean of all attitudes up to which they are said to be alike."""
+
+_FAR = 2.0
+"""Times of an accuracy asked for, up to which it is not said that attitudes do not lead to it. Chosen: terms that data
+do not decide halve until they do."""
+
+_FROZEN = 10.0
+"""Seconds for which all readings must be the same until that is said. Chosen: those of few digits may be, at rest."""
 
 _MANY = 60
 """Further standstills from which on it is said how many an accuracy takes: as long as all before, and more."""
@@ -135,10 +142,15 @@ class Guide:
         self._calibrate, self._targets, self._only = calibrate, dict(targets or {}), only
         self._plan = PLANS[method]
         self.outcome: StaticOutcome | None = None
-        self._seen = Seen(np.zeros((0, 3)), np.zeros(0, dtype=bool))
+        self._seen = Seen(np.zeros((0, 3)), np.zeros(0))
         self._counted = self._failed = 0
         self._said = ""
         self._asked: tuple[int, tuple[Array | None, str]] | None = None
+
+    @property
+    def _any_attitude(self) -> bool:
+        """Whether the method takes any attitudes."""
+        return self._plan.method in (None, "multi-position")
 
     @property
     def due(self) -> bool:
@@ -155,18 +167,18 @@ class Guide:
         except RecordingError:
             return _first(held, up)
         self._seen = now = seen(imu, rests)
-        if self._failed >= _FAILURES:
+        if self._failed >= _FAILURES and self._any_attitude:
             return Advice("turn", f"Stop, for more attitudes do not help: {self._said}", held, up, now.had)
         if self._reached(now):
             asked = "it is as accurate as asked for" if self._targets else "these attitudes show every parameter"
             return Advice("done", f"Enough: {asked}.", held, up, now.had, known=self._known())
-        note = self._note(rests)
+        note = _frozen(imu) or self._note(rests)
         if 0.5 < held < HOLD:
             # a standstill that has begun is among those found once it is long enough
             return Advice("hold", _hold(held), held, up, now.had, None, self._known(), note)
         wanted, text = self._next(now, up)
         again = len(now.had) > 1 and bool((angles(now.had[:-1], now.had[-1]) < SAME).any())
-        if held >= HOLD and again and wanted is not None and self._plan.method in (None, "multi-position"):
+        if held >= HOLD and again and self._any_attitude:
             note = "This attitude is one that you have had."
         return Advice("turn", text, held, up, now.had, wanted, self._known(), note)
 
@@ -211,7 +223,7 @@ class Guide:
     def _note(self, rests: Rests) -> str:
         """Return what is in the way of a result, the most important of it."""
         had = self._seen.had
-        if len(had) >= FIRST and float(angles(had, _mean(had)).max()) < _NARROW:
+        if self._any_attitude and len(had) >= FIRST and float(angles(had, _mean(had)).max()) < _NARROW:
             return (
                 "All attitudes so far are nearly alike. Scale factors and offsets of the accelerometers stay unknown "
                 "then, however long it takes: turn the device over."
@@ -226,10 +238,10 @@ class Guide:
         calibration = self.outcome.calibration
         if not calibration.accepted:
             return calibration.verdict.reasons[0]
-        if self._targets:
-            return self._forecast(self.outcome)
         hidden = self._unobservable()
-        return f"Not shown yet: {_some(hidden)}." if hidden else ""
+        if hidden:
+            return f"Not shown yet: {_some(hidden)}."
+        return self._forecast(self.outcome) if self._plan.enough(self._seen) else ""
 
     def _forecast(self, outcome: StaticOutcome) -> str:
         """Return what is missing to what is asked for, where that is much; variances of a fit fall with its rows."""
@@ -238,12 +250,14 @@ class Guide:
         for group, target in self._targets.items():
             own = self._of(group)
             left, now = whole[own] - fit[own], float(np.sqrt(whole[own].max()))
-            if left.max() >= target**2:
+            if left.max() >= (_FAR * target) ** 2:
                 return (
-                    f"{group} will not be as accurate as asked for: it is uncertain by {now / target:.3g} times that, "
-                    f"and by {np.sqrt(left.max()) / target:.3g} times that however many attitudes follow. Ctrl-C ends "
+                    f"{group} is uncertain by {now / target:.3g} times what is asked for, and by "
+                    f"{np.sqrt(left.max()) / target:.3g} times that by what further attitudes hardly show. Ctrl-C ends "
                     "the recording, and calibrates."
                 )
+            if left.max() >= target**2:
+                continue  # it falls, too, but nobody knows how
             more = float(np.max(fit[own] / (target**2 - left))) * self._counted - self._counted
             if more > _MANY:
                 return f"{group} takes about {more:.2g} attitudes more to be as accurate as asked for."
@@ -279,6 +293,16 @@ def _first(held: float, up: Array) -> Advice:
     if held > 0.5:
         return Advice("hold", _hold(held), held, up, np.zeros((0, 3)))
     return Advice("turn", "Lay the device down.", held, up, np.zeros((0, 3)))
+
+
+def _frozen(imu: ImuSamples) -> str:
+    """Return what to say if the readings have been the same for long."""
+    readings = np.hstack([imu.rates, imu.accelerations])
+    other = np.flatnonzero((readings != readings[-1]).any(axis=1))
+    since = float(imu.seconds[-1] - imu.seconds[other[-1]]) if other.size else float(imu.seconds[-1])
+    return (
+        f"All readings have been the same for {since:.0f} s: does the device still measure?" if since > _FROZEN else ""
+    )
 
 
 def _hold(held: float) -> str:

@@ -21,6 +21,9 @@ FACES = 6
 _ROUND = 0.15
 """Share by which a whole turn by uncalibrated gyros may differ from one. Chosen: no device errs by more."""
 
+_LEAST, _ATTEMPTS = 0.02, 3
+"""Revolutions that count as a turn, and turns on one face after which another one is next."""
+
 _QUARTERS = 5
 """Standstills in one mounting on a hinge: four quarters of a turn, there and back."""
 
@@ -39,12 +42,18 @@ class Seen:
     ----------
     had : (M, 3)
         What was up, of unit length.
-    rounds : (M - 1,)
-        Which turns were whole ones about the vertical, from a face to itself.
+    about : (M - 1,)
+        Revolutions about the vertical from each to the next, of those that leave the same side up; zero of others.
     """
 
     had: Array
-    rounds: Mask
+    about: Array
+
+    @property
+    def rounds(self) -> Mask:
+        """Which turns were whole ones about the vertical, (M - 1,)."""
+        number = np.round(self.about)
+        return np.asarray((number >= 1.0) & (np.abs(self.about - number) < _ROUND * number))
 
     @property
     def attitudes(self) -> int:
@@ -70,15 +79,14 @@ def seen(imu: ImuSamples, rests: Rests) -> Seen:
     """Return what the standstills were, and which turns between them were whole ones."""
     had = directions(rests.forces)
     if rests.count < 2:
-        return Seen(had, np.zeros(max(0, rests.count - 1), dtype=bool))
+        return Seen(had, np.zeros(max(0, rests.count - 1)))
     offset = np.median(rests.rates, axis=0)
     step = np.diff(imu.seconds, prepend=imu.seconds[0])[:, None]
     angle = np.cumsum((imu.rates - offset) * step, axis=0)
     way = angle[rests.first[1:]] - angle[rests.last[:-1] - 1]
     about = np.abs(np.einsum("mi,mi->m", way, had[:-1])) / (2.0 * np.pi)
-    number = np.round(about)
     same = np.einsum("mi,mi->m", had[:-1], had[1:]) > np.cos(SAME)
-    return Seen(had, same & (number >= 1.0) & (np.abs(about - number) < _ROUND * number))
+    return Seen(had, np.where(same, about, 0.0))
 
 
 Worth = Callable[[Array, Array], Array]
@@ -120,7 +128,9 @@ class Plan:
                 else "Turn it about the hinge by about 90 deg, then hold still."
             )
         if self.method == "ferraris" and self._to_be_turned_round(so_far, up):
-            return up, "Leave it on this face, and turn it once round on the table, by 360 deg. Then hold still."
+            ask = "Leave it on this face, and turn it once round on the table, by 360 deg. Then hold still."
+            last = so_far.about[-1] if so_far.about.size else 0.0
+            return up, f"That was about {10.0 * round(36.0 * float(last)):.0f} deg. {ask}" if _LEAST < last < 1.0 - _ROUND else ask
         if self.method in ("six-position", "ferraris"):
             wanted = _rarest_face(so_far, up)
         else:
@@ -128,13 +138,19 @@ class Plan:
         return wanted, _ask(wanted)
 
     def _to_be_turned_round(self, so_far: Seen, up: Array) -> bool:
+        """Return whether a whole turn is to follow: one about each axis first, and none that fails again and again."""
         near = float(angles(CANDIDATES[:FACES], up).min()) < SAME
-        return near and int(np.argmax(np.abs(up))) not in so_far.turned_round
+        on_this = np.flatnonzero(np.append(so_far.about == 0.0, True)[::-1])[0]  # turns since it was laid down
+        if not near or on_this >= _ATTEMPTS:
+            return False
+        if int(np.argmax(np.abs(up))) not in so_far.turned_round:
+            return True
+        return self.complete(so_far) and not so_far.rounds[-1]
 
 
 PLANS = {
     None: Plan(None, 18, 12), "multi-position": Plan("multi-position", 18, 12),
-    "six-position": Plan("six-position", 12, 6), "ferraris": Plan("ferraris", 12, 6), "hinge": Plan("hinge", 18, 4),
+    "six-position": Plan("six-position", 12, 6), "ferraris": Plan("ferraris", 12, 6), "hinge": Plan("hinge", 18, 3),
 }  # fmt: skip
 """By the method that is stated. Chosen: with so many of the simulated devices all but a few are accepted."""
 

@@ -31,6 +31,11 @@ _MISFIT, _ODDS, _NOTHING = 3.5, 3.0, 1e4
 """Deviations of a row beyond which a standstill or a turn is suspected, gain of evidence with which it is left out, and
 variance with which a row says nothing, over its own."""
 
+_NOTHING_FITS = (
+    "the readings do not fit standstills and turns: are rates and accelerations of one device, in rad/s and m/s^2?"
+)
+"""What is said of readings from which no finite numbers come."""
+
 _FAR = 50.0
 """Logarithm of odds beyond which they count as certain."""
 
@@ -204,10 +209,7 @@ def fitted(
         p, C = problem.changed(p, change), moved(C, nodes[:, ATTITUDE])
         settled = np.abs(change) < _SETTLED / np.sqrt(np.diag(found.information[0]))
     if not np.isfinite(found.log_evidence).all():
-        raise RecordingError(
-            "the readings do not fit standstills and turns: are rates and accelerations of one device, in rad/s and "
-            "m/s^2?", file=problem.imu.source,
-        )  # fmt: skip
+        raise RecordingError(_NOTHING_FITS, file=problem.imu.source)
     return StaticEstimate(
         problem,
         p,
@@ -292,11 +294,10 @@ def _with_effects(found: StaticEstimate, tell: StepProgress) -> StaticEstimate:
         for one in others
         if one.problem.effects != found.problem.effects
     ]
-    return replace(
-        found,
-        considered=tuple(sorted(considered, key=lambda c: -c.gain)),
-        undecided=np.column_stack(undecided) if undecided else found.undecided,
-    )
+    open_ = np.column_stack(undecided) if undecided else found.undecided
+    if not np.isfinite(open_).all():
+        raise RecordingError(_NOTHING_FITS, file=found.problem.imu.source)
+    return replace(found, considered=tuple(sorted(considered, key=lambda c: -c.gain)), undecided=open_)
 
 
 def shows_even_terms(problem: RestProblem) -> bool:

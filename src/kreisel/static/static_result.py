@@ -73,6 +73,9 @@ _LOST = 2e-3
 """Share of lost samples from which on it is said. Chosen: that of usual scale factors after calibration."""
 
 
+_BROKEN = "turns across which readings are missing, and that are not used: {count}"
+"""What is said of turns that nothing measured as a whole."""
+
 _TURNING = (
     "the device turns at its standstills, by {rate:.2g} rad/s about one of its axes, as gravity shows: the gyros' "
     "offsets are uncertain by as much; lay it down"
@@ -353,6 +356,9 @@ def _remarks(found: StaticEstimate, walked: Array, lost: float) -> list[DataWarn
     if lost > _LOST:
         text = f"{100.0 * lost:.2g} % or more of the samples are lost without a gap in the stamps"
         out.append(DataWarning("imu", f"{text}: turns are too small by it; record the device's own stamps"))
+    broken = np.setdiff1d(np.flatnonzero(~found.linear.turns.whole), found.problem.unused)
+    if broken.size and np.ptp(found.problem.imu.rates, axis=0).all():
+        out.append(DataWarning("turns", _BROKEN.format(count=broken.size)))
     for kind in ("force", "rate", "turn"):
         nodes = [node for k, node in found.left_out if k == kind]
         if nodes:

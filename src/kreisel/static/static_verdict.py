@@ -10,7 +10,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.calibration_settings import SENSORS
 from kreisel.model.groups import group_named
 from kreisel.refinement.observability import MAX_SHARE
-from kreisel.static.known_attitudes import TableTurns
+from kreisel.static.known_attitudes import HingeTurns, TableTurns
 from kreisel.static.multi_position import StaticEstimate
 
 MAX_LEFT_OUT = 0.2
@@ -87,6 +87,11 @@ def _not_observable(found: StaticEstimate, sensor: str, lost: list[str]) -> str:
     tables = [one.angle for one in found.problem.known if isinstance(one, TableTurns)]
     if tables and all(np.abs(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))).max() < _WHOLE for angle in tables):
         return f"{which}; whole turns of a table end where they began: turn it by other angles, too, such as 90 deg"
+    if any(isinstance(one, HingeTurns) for one in found.problem.known):
+        return (
+            f"{which}; turn it about a hinge that is not upright, by quarters of a turn, and fix it in three ways, "
+            "along axes of the device at right angles"
+        )
     return (
         f"{which}; lay the device on each of its faces and on edges, and turn it about all axes"
         f"{f', more often: {count} standstills are few' if count < _FEW else ''}"
