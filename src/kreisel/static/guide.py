@@ -259,8 +259,8 @@ class Guide:
             if left.max() >= target**2:
                 continue  # it falls, too, but nobody knows how
             more = float(np.max(fit[own] / (target**2 - left))) * self._counted - self._counted
-            if more > _MANY:
-                return f"{group} takes about {more:.2g} attitudes more to be as accurate as asked for."
+            if more > _MANY and self._any_attitude:
+                return f"{group} takes about {float(f'{more:.2g}'):.0f} attitudes more to be as accurate as asked for."
         return ""
 
     def _next(self, now: Seen, up: Array) -> tuple[Array | None, str]:

@@ -128,9 +128,9 @@ class Plan:
                 else "Turn it about the hinge by about 90 deg, then hold still."
             )
         if self.method == "ferraris" and self._to_be_turned_round(so_far, up):
-            ask = "Leave it on this face, and turn it once round on the table, by 360 deg. Then hold still."
-            last = so_far.about[-1] if so_far.about.size else 0.0
-            return up, f"That was about {10.0 * round(36.0 * float(last)):.0f} deg. {ask}" if _LEAST < last < 1.0 - _ROUND else ask
+            last = float(so_far.about[-1]) if so_far.about.size else 0.0
+            was = f" (that was about {10 * round(36.0 * last)} deg)" if _LEAST < last < 1.0 - _ROUND else ""
+            return up, f"Leave it on this face, and turn it once round on the table, by 360 deg{was}. Then hold still."
         if self.method in ("six-position", "ferraris"):
             wanted = _rarest_face(so_far, up)
         else:
@@ -140,8 +140,8 @@ class Plan:
     def _to_be_turned_round(self, so_far: Seen, up: Array) -> bool:
         """Return whether a whole turn is to follow: one about each axis first, and none that fails again and again."""
         near = float(angles(CANDIDATES[:FACES], up).min()) < SAME
-        on_this = np.flatnonzero(np.append(so_far.about == 0.0, True)[::-1])[0]  # turns since it was laid down
-        if not near or on_this >= _ATTEMPTS:
+        laid = int(np.max(np.flatnonzero(so_far.about == 0.0) + 1, initial=0))
+        if not near or np.count_nonzero(so_far.about[laid:] > _LEAST) >= _ATTEMPTS:
             return False
         if int(np.argmax(np.abs(up))) not in so_far.turned_round:
             return True

@@ -220,7 +220,7 @@ def test_half_a_turn_instead_of_a_whole_one_is_said_and_another_face_is_next():
         session.pieces += [session.device.rotate(np.pi * up, 3.0), session.device.hold(HOLD + 0.6)]
         texts.append(session.look().text)
     assert texts[0].startswith("Leave it on this face")
-    assert texts[1].startswith("That was about 180 deg. Leave it on this face")
+    assert "by 360 deg (that was about 180 deg)." in texts[1]
     assert texts[3].startswith("Turn it gently on its face")
     assert "nearly alike" not in session.look().note
 
