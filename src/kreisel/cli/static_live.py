@@ -73,13 +73,15 @@ def record_guided(address: str, output: Path, how: Guided, calibrate: Estimator,
     from kreisel.acquisition.recorder import Place
     from kreisel.cli.record import check_complete
     from kreisel.cli.targets import targets
-    from kreisel.cli.watch import page_of
+    from kreisel.cli.watch import check_page_installed, page_of
     from kreisel.devices.address import IMUS, parse_address
     from kreisel.static.guide import Guide
 
     of_imu = parse_address(address, IMUS)
     guide = Guide(calibrate, targets(how.until), method=how.method, only=how.only)
     file = output / RECORDING
+    if how.dashboard:
+        check_page_installed()
     output.mkdir(parents=True, exist_ok=True)
     page.enter_context(
         page_of(file, how.port, wanted=how.dashboard, guide=True, host=how.host, beside_json=how.as_json)

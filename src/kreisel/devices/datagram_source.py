@@ -44,7 +44,8 @@ class Source:
             return True
         self.dropped += 1
         if str(self.dropped).strip("0") == "1":  # 1, 10, 100, …: so that the number of reports stays small
-            accepted = self._host or f"{_name(self.sender or sender)}, which sent first"
+            other_host = self._host is not None and sender[0] != self._host
+            accepted = self._host if other_host else f"{_name(self.sender or sender)}, which sent first"
             self._news.append(
                 f"datagrams from {_name(sender)} dropped, {self.dropped} so far: this port accepts only {accepted}"
             )

@@ -131,7 +131,7 @@ class Decoder:
         try:
             self.columns = Columns.parse(text)
         except ProtocolError as error:
-            if _OF_AN_IMU.search(text):
+            if not text.startswith("#") or _OF_AN_IMU.search(text):
                 self._names_error = error
             raise
 

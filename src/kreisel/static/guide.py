@@ -210,11 +210,12 @@ class Guide:
         return [name for name in names if self._only is None or name.startswith(self._only)]
 
     def _known(self) -> dict[str, float]:
-        """Return the worst deviation of each group that is asked for, or of the usual ones."""
+        """Return the largest deviation of each group that is asked for, or of the usual ones."""
         if self.outcome is None:
             return {}
         deviation = np.sqrt(np.diag(self.outcome.calibration.covariance))
-        return {group: float(np.max(deviation[self._of(group)], initial=0.0)) for group in self._targets or self._usual}
+        groups = self._targets or self._usual
+        return {group: max((float(deviation[i]) for i in self._of(group)), default=np.inf) for group in groups}
 
     def _of(self, group: str) -> list[int]:
         names = () if self.outcome is None else self.outcome.calibration.names
@@ -252,9 +253,8 @@ class Guide:
             left, now = whole[own] - fit[own], float(np.sqrt(whole[own].max()))
             if left.max() >= (_FAR * target) ** 2:
                 return (
-                    f"{group} is uncertain by {now / target:.3g} times what is asked for, and by "
-                    f"{np.sqrt(left.max()) / target:.3g} times that by what further attitudes hardly show. Ctrl-C ends "
-                    "the recording, and calibrates."
+                    f"{group} is {now / target:.3g} times as uncertain as asked for, and further attitudes hardly "
+                    f"lower {np.sqrt(left.max()) / target:.3g} times of it. Ctrl-C ends the recording, and calibrates."
                 )
             if left.max() >= target**2:
                 continue  # it falls, too, but nobody knows how

@@ -278,7 +278,7 @@ def test_what_will_never_be_reached_is_said_and_what_takes_long_with_a_number():
     for session in (never, long):
         laid(session, CANDIDATES[:18])
         session.note = session.look().note
-    assert "times that by what further attitudes hardly show" in never.note
+    assert "times as uncertain as asked for, and further attitudes hardly lower" in never.note
     assert "attitudes more to be as accurate as asked for" in long.note
 
 
