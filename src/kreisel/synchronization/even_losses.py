@@ -45,35 +45,36 @@ def evenly_lost(found: LostSamples, stamps_ns: Stamps, clock: Clock) -> list[Los
     """
     if found.places.size < _FEWEST:
         return []
-    places = clock.imu_time(found.unsure)
+    windows = clock.imu_time(found.unsure) + np.array([-_BESIDE, _BESIDE])
+    low, high = windows.T
     whole = 1e-9 * float(stamps_ns[-1] - stamps_ns[0])
-    low, high = places[:, 0] - _BESIDE, places[:, 1] + _BESIDE
     step = 0.2 * float(np.median(high - low)) / whole
     periods = np.exp(np.arange(np.log(_SHORTEST), np.log(max(whole / _FEWEST, _SHORTEST)), step))
     number = np.array([_most_on(float(period), low, high)[0] for period in periods])
-    begin, end = runs(number >= max(_FEWEST, _MOST * len(places)))
-    middle = [float(periods[a + int(np.median(np.flatnonzero(number[a:b] == number[a:b].max())))])
-              for a, b in zip(begin, end, strict=True)]  # fmt: skip
-    return [_on_comb(found, stamps_ns, clock, period) for period in sorted(middle, reverse=True)[:_COMBS]]
+    begin, end = runs(number >= max(_FEWEST, _MOST * len(windows)))
+    middle = [float(np.median(periods[a:b][number[a:b] == number[a:b].max()])) for a, b in zip(begin, end, strict=True)]
+    combs = [_comb(period, low, high, whole) for period in sorted(middle, reverse=True)[:_COMBS]]
+    return [_at_teeth(found, *comb, stamps_ns.size, clock) for comb in combs]
 
 
-def _on_comb(found: LostSamples, stamps_ns: Stamps, clock: Clock, period: float) -> LostSamples:
-    """Return losses at every tooth of the comb of about a period on which most of those found lie."""
-    places = clock.imu_time(found.unsure)
-    whole = 1e-9 * float(stamps_ns[-1] - stamps_ns[0])
-    low, high = places[:, 0] - _BESIDE, places[:, 1] + _BESIDE
+def _comb(period: float, low: Array, high: Array, whole: float) -> tuple[Array, Array, float]:
+    """Return the teeth of the comb of about a period that fits most windows, their deviations, and its period."""
     phase = _most_on(period, low, high)[1]
     middle, width = 0.5 * (low + high), high - low
     tooth = np.round((middle - phase) / period)
     on = np.abs(middle - phase - period * tooth) <= 0.5 * width + _BESIDE
     (slope, first), covariance = np.polyfit(tooth[on], middle[on], 1, w=12**0.5 / width[on], cov="unscaled")
-    numbers = np.arange(np.ceil(-first / slope), np.floor((whole - first) / slope) + 1.0)
-    teeth = first + slope * numbers
-    sd = np.sqrt(covariance[1, 1] + 2.0 * numbers * covariance[0, 1] + numbers**2 * covariance[0, 0])
-    at = np.clip(np.round(1e9 * teeth / found.interval_ns), 1, stamps_ns.size - 1).astype(np.int64)
+    number = np.arange(np.ceil(-first / slope), np.floor((whole - first) / slope) + 1.0)
+    sd = np.sqrt(covariance[1, 1] + 2.0 * number * covariance[0, 1] + number**2 * covariance[0, 0])
+    return first + slope * number, sd, float(slope)
+
+
+def _at_teeth(found: LostSamples, teeth: Array, sd: Array, period: float, count: int, clock: Clock) -> LostSamples:
+    """Return losses at the teeth of a comb, IMU seconds; count: of all readings."""
+    at = np.clip(np.round(1e9 * teeth / found.interval_ns), 1, count - 1).astype(np.int64)
     beside = _SURE * sd + _BESIDE
     between = clock.reference_time(np.column_stack([teeth - beside, teeth + beside]))
-    return replace(found, places=at, counts=np.ones_like(at), unsure=between, faster=1e-9 * found.interval_ns / slope)
+    return replace(found, places=at, counts=np.ones_like(at), unsure=between, faster=1e-9 * found.interval_ns / period)
 
 
 def _most_on(period: float, low: Array, high: Array) -> tuple[int, float]:
