@@ -219,7 +219,8 @@ class _Silence:
         self._began = self._last = time.monotonic()
 
     def __call__(self, status: Status) -> None:
-        from kreisel.devices.faults import AGAIN, REPEATED
+        from kreisel.devices.faults import REPEATED
+        from kreisel.protocols.line import NAME
 
         for note in status.notes[self._noted :]:
             if not note.endswith(REPEATED):
@@ -232,7 +233,7 @@ class _Silence:
         if self.lasts:
             why = f" ({self._note})" if self._note and not self._count else ""
             self._say.problem(f"No readings come from {self._address}{why}: is it connected, and does it send?")
-        useless = bool(self._note) and AGAIN not in self._note  # it sends, but nothing that can be read
+        useless = self._note.startswith(f"{NAME}: ")  # it sends lines, but none that can be read
         longest = min(math.inf if self._seconds is None else self._seconds, _USELESS if useless else math.inf)
         if not self._count and now - self._began > longest:
             self._stop.set()

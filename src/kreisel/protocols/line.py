@@ -21,7 +21,9 @@ MAX_BYTES = 4096
 
 COLUMNS = "t [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 
-_NAME = "CSV line"
+NAME = "CSV line"
+"""With which errors about a line begin."""
+
 _TIME = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}  # ns
 _RATE = {"rad s^-1": 1.0, "rad/s": 1.0, "deg s^-1": DEG, "deg/s": DEG, "dps": DEG}  # rad/s
 _RATE["mdps"] = 1e-3 * _RATE["dps"]
@@ -57,7 +59,7 @@ class Columns:
         for i, cell in enumerate(cells):
             match = _CELL.fullmatch(cell)
             if match is None:
-                raise ProtocolError(_NAME, f"column {i + 1}, '{cell.strip()[:40]}', is not 'name [unit]'")
+                raise ProtocolError(NAME, f"column {i + 1}, '{cell.strip()[:40]}', is not 'name [unit]'")
             name = match.group(1).lower()
             unit = unit if match.group(2) is None else match.group(2).strip()
             if name in ("t", "timestamp", "time", "stamp"):
@@ -67,7 +69,7 @@ class Columns:
         wanted = [f"{kind}_{axis}" for kind in "wa" for axis in "xyz"]
         missing = [name for name in ("t", *wanted) if name not in places]
         if missing:
-            raise ProtocolError(_NAME, f"no column {', '.join(missing)} in '{text[:80]}'; name them as in '{COLUMNS}'")
+            raise ProtocolError(NAME, f"no column {', '.join(missing)} in '{text[:80]}'; name them as in '{COLUMNS}'")
         return cls(
             len(cells), places["t"][0], int(places["t"][1]),
             tuple(places[name][0] for name in wanted), tuple(places[name][1] for name in wanted),
@@ -76,7 +78,7 @@ class Columns:
 
 def _factor(units: dict[str, float] | dict[str, int], unit: str, name: str) -> float:
     if unit not in units:
-        raise ProtocolError(_NAME, f"column {name} is in '{unit}'; known units are {', '.join(units)}")
+        raise ProtocolError(NAME, f"column {name} is in '{unit}'; known units are {', '.join(units)}")
     return units[unit]
 
 
@@ -101,7 +103,7 @@ class Decoder:
         *lines, rest = self._buffer.split(b"\n")
         out: list[ImuSample | ProtocolError] = []
         if len(rest) > MAX_BYTES:
-            out.append(ProtocolError(_NAME, f"line of more than {MAX_BYTES} bytes: is this a stream of text?"))
+            out.append(ProtocolError(NAME, f"line of more than {MAX_BYTES} bytes: is this a stream of text?"))
             rest = bytearray()
             self._begun = False
         self._buffer = bytearray(rest)
@@ -141,7 +143,7 @@ class Decoder:
             if self._names_error is not None:
                 raise self._names_error
             raise ProtocolError(
-                _NAME, f"'{text[:60]}' came before a line with the columns' names; name them, for example "
+                NAME, f"'{text[:60]}' came before a line with the columns' names; name them, for example "
                 f"'?columns={COLUMNS}'"
             )  # fmt: skip
         return decode(text, self.columns)
@@ -162,7 +164,7 @@ def without_checksum(text: str) -> str:
         return text
     content = content.removeprefix("$")
     if not re.fullmatch(r"[0-9A-Fa-f]{2}", stated) or int(stated, 16) != functools.reduce(xor, content.encode(), 0):
-        raise ProtocolError(_NAME, f"the checksum '*{stated[:8]}' is not that of the line '{content[:60]}'")
+        raise ProtocolError(NAME, f"the checksum '*{stated[:8]}' is not that of the line '{content[:60]}'")
     return content
 
 
@@ -176,7 +178,7 @@ def decode(text: str, columns: Columns) -> ImuSample:
     """
     cells = text.split(",")
     if len(cells) != columns.count:
-        raise ProtocolError(_NAME, f"{len(cells)} columns, expected {columns.count}: '{text[:60]}'")
+        raise ProtocolError(NAME, f"{len(cells)} columns, expected {columns.count}: '{text[:60]}'")
     try:
         stamp = cells[columns.stamp].strip()
         if columns.stamp_factor == 1 or re.fullmatch(r"[-+]?\d{1,20}", stamp):
@@ -185,10 +187,10 @@ def decode(text: str, columns: Columns) -> ImuSample:
             stamp_ns = round(float(stamp) * columns.stamp_factor)
         values = tuple(float(cells[i]) * factor for i, factor in zip(columns.places, columns.factors, strict=True))
     except (ValueError, OverflowError) as error:
-        raise ProtocolError(_NAME, f"not a line of numbers: '{text[:60]}'") from error
-    values = finite(values, _NAME, "a reading")
+        raise ProtocolError(NAME, f"not a line of numbers: '{text[:60]}'") from error
+    values = finite(values, NAME, "a reading")
     return ImuSample(
-        checked_stamp(stamp_ns, _NAME), (values[0], values[1], values[2]), (values[3], values[4], values[5])
+        checked_stamp(stamp_ns, NAME), (values[0], values[1], values[2]), (values[3], values[4], values[5])
     )
 
 
