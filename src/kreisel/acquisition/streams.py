@@ -15,7 +15,7 @@ AGREEING = 4
 """Number of consecutive readings that must agree on another clock to begin a new part; fewer are dropped."""
 
 _WRAPS_NS = (2**32, 2**24 * 1_000, 2**32 * 1_000, 2**16 * 1_000_000, 2**24 * 1_000_000, 2**32 * 1_000_000)
-"""After which counters of 16, 24 or 32 bits in ns, us or ms begin again at zero; those shorter than a leap are none."""
+"""Periods of counters of 16, 24 or 32 bits that count ns, us or ms, without those shorter than `LEAP_NS`."""
 
 _RECENT = 512
 """Steps between stamps of which rate and usual interval are taken. Chosen: one to five seconds at 500 to 100 Hz: enough

@@ -186,6 +186,8 @@ def _joined(
 
     These are good to some milliseconds: a step that counts as a gap remains, so that no turn is measured across it.
     """
+    if not later:
+        return imu
     stamps, values = [imu.stamps_ns], [np.hstack([imu.rates, imu.accelerations])]
     arrived = first.log_times_ns[0] - int(imu.stamps_ns[0])
     for topic, (own, _, rows) in later:
@@ -193,8 +195,6 @@ def _joined(
         begun = max(begun, int(stamps[-1][-1]) + _APART_NS)
         stamps.append(own - own[0] + begun)
         values.append(np.asarray(rows, dtype=np.float64)[:, :6])
-    if not later:
-        return imu
     text = (
         f"the device's clock leapt, at {', '.join(f'{(s[0] - stamps[0][0]) * 1e-9:.1f} s' for s in stamps[1:])}: the "
         "readings before and after are joined by their times of arrival"
@@ -205,7 +205,7 @@ def _joined(
 
 
 _APART_NS = 200_000_000
-"""ns: least step between readings before and after a leap. Chosen: four times what counts as a gap."""
+"""ns: smallest step between the readings before a jump of the clock and those after it. Chosen: four times a gap."""
 
 
 def notes_of(contents: Contents) -> list[tuple[int, str]]:

@@ -152,7 +152,7 @@ PLANS = {
     None: Plan(None, 18, 12), "multi-position": Plan("multi-position", 18, 12),
     "six-position": Plan("six-position", 12, 6), "ferraris": Plan("ferraris", 12, 6), "hinge": Plan("hinge", 18, 3),
 }  # fmt: skip
-"""By the method that is stated. Chosen: with so many of the simulated devices all but a few are accepted."""
+"""Plans by the stated method. Chosen: simulated devices are accepted after so many standstills."""
 
 
 def _rarest_face(so_far: Seen, up: Array) -> Array:

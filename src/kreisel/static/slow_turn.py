@@ -43,6 +43,8 @@ def common_turn(rests: Rests) -> Array:
 def effect_of(rate: Array, found: StaticEstimate) -> Array:
     """Return what a turn in common about each axis of the device, as fast as `rate`, does to the parameters, (P, 3)."""
     zero = np.zeros(found.problem.layout.degrees)
+    if not rate.any():
+        return np.zeros((zero.size, 3))
     figures = as_row(found.noise)
 
     def change(added: Array) -> Array:
