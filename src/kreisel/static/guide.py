@@ -41,6 +41,10 @@ do not decide halve until they do."""
 _FROZEN = 10.0
 """Seconds for which all readings must be the same until that is said. Chosen: those of few digits may be, at rest."""
 
+_SAG, _LAST = 5e-3, 3
+"""rad: turn within a standstill, in the median of so many, from which on it is said. Chosen: it costs accuracy, and a
+hand that is supported turns less."""
+
 _MANY = 60
 """Further standstills from which on it is said how many an accuracy takes: as long as all before, and more."""
 
@@ -142,7 +146,7 @@ class Guide:
         self._calibrate, self._targets, self._only = calibrate, dict(targets or {}), only
         self._plan = PLANS[method]
         self.outcome: StaticOutcome | None = None
-        self._seen = Seen(np.zeros((0, 3)), np.zeros(0))
+        self._seen = Seen(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
         self._counted = self._failed = 0
         self._said = ""
         self._asked: tuple[int, tuple[Array | None, str]] | None = None
@@ -231,6 +235,9 @@ class Guide:
             )
         if rests.clipped:
             return f"{CLIPPED.format(count=rests.clipped)}."
+        sag = float(np.median(_turned_while_held(rests)[-_LAST:]))
+        if rests.count >= _LAST and sag > _SAG:
+            return f"The device turns by {1e3 * sag:.0f} mrad while it is held still: lay it down, or support the hand."
         if self.outcome is None:
             return self._said if self._failed else ""
         for warning in self.outcome.warnings:
@@ -303,6 +310,11 @@ def _frozen(imu: ImuSamples) -> str:
     return (
         f"All readings have been the same for {since:.0f} s: does the device still measure?" if since > _FROZEN else ""
     )
+
+
+def _turned_while_held(rests: Rests) -> Array:
+    """Return the angle by which the device turns within each standstill, if evenly, rad, (M,)."""
+    return np.asarray(np.sqrt(12.0) * rests.creep / np.linalg.norm(rests.forces, axis=1))
 
 
 def _hold(held: float) -> str:

@@ -24,8 +24,8 @@ _ROUND = 0.15
 _LEAST, _ATTEMPTS = 0.02, 3
 """Revolutions that count as a turn, and turns on one face after which another one is next."""
 
-_QUARTERS = 5
-"""Standstills in one mounting on a hinge: four quarters of a turn, there and back."""
+_QUARTERS, _MOUNTINGS = 4, 3
+"""Turns in one mounting on a hinge, by a quarter each, there and back; axes of the device that it is to turn about."""
 
 CANDIDATES: Array = np.array(
     sorted((v for v in itertools.product((1.0, 0.0, -1.0), repeat=3) if any(v)), key=lambda v: sum(map(abs, v)))
@@ -44,10 +44,13 @@ class Seen:
         What was up, of unit length.
     about : (M - 1,)
         Revolutions about the vertical from each to the next, of those that leave the same side up; zero of others.
+    axes : (M - 1, 3)
+        Axis of the device that it mostly turned about from each to the next, of either sign, of unit length.
     """
 
     had: Array
     about: Array
+    axes: Array
 
     @property
     def rounds(self) -> Mask:
@@ -79,14 +82,17 @@ def seen(imu: ImuSamples, rests: Rests) -> Seen:
     """Return what the standstills were, and which turns between them were whole ones."""
     had = directions(rests.forces)
     if rests.count < 2:
-        return Seen(had, np.zeros(max(0, rests.count - 1)))
+        return Seen(had, np.zeros(0), np.zeros((0, 3)))
     offset = np.median(rests.rates, axis=0)
     step = np.diff(imu.seconds, prepend=imu.seconds[0])[:, None]
-    angle = np.cumsum((imu.rates - offset) * step, axis=0)
+    rates = imu.rates - offset
+    angle = np.cumsum(rates * step, axis=0)
     way = angle[rests.first[1:]] - angle[rests.last[:-1] - 1]
+    squares = [rates[a:b].T @ rates[a:b] for a, b in zip(rests.last[:-1], rests.first[1:], strict=True)]
+    axes = np.linalg.eigh(np.array(squares))[1][:, :, -1]
     about = np.abs(np.einsum("mi,mi->m", way, had[:-1])) / (2.0 * np.pi)
     same = np.einsum("mi,mi->m", had[:-1], had[1:]) > np.cos(SAME)
-    return Seen(had, np.where(same, about, 0.0))
+    return Seen(had, np.where(same, about, 0.0), np.asarray(axes))
 
 
 Worth = Callable[[Array, Array], Array]
@@ -122,11 +128,7 @@ class Plan:
     def next(self, so_far: Seen, up: Array, worth: Worth) -> tuple[Array | None, str]:
         """Return what is to be up next, (3,), if that is known, and what to do, one sentence."""
         if self.method == "hinge":
-            return None, (
-                "Fix it to the hinge with another of its axes along the hinge's, then hold still."
-                if len(so_far.had) % _QUARTERS == 0
-                else "Turn it about the hinge by about 90 deg, then hold still."
-            )
+            return None, _about_the_hinge(so_far.axes)
         if self.method == "ferraris" and self._to_be_turned_round(so_far, up):
             last = float(so_far.about[-1]) if so_far.about.size else 0.0
             was = f" (that was about {10 * round(36.0 * last)} deg)" if _LEAST < last < 1.0 - _ROUND else ""
@@ -153,6 +155,20 @@ PLANS = {
     "six-position": Plan("six-position", 12, 6), "ferraris": Plan("ferraris", 12, 6), "hinge": Plan("hinge", 18, 3),
 }  # fmt: skip
 """Plans by the stated method. Chosen: simulated devices are accepted after so many standstills."""
+
+
+def _about_the_hinge(axes: Array) -> str:
+    """Return what to do after turns about these axes (n, 3): enough about one of them, and then about another."""
+    alike = np.abs(axes @ axes.T) > np.cos(APART)
+    now = alike[-1] if len(axes) else np.zeros(0, dtype=bool)
+    run = int(np.argmin(np.append(now[::-1], False)))
+    many = alike.sum(axis=1) >= _QUARTERS
+    mountings = int(np.linalg.matrix_rank(axes[many].T @ axes[many], tol=np.sin(APART) ** 2)) if many.any() else 0
+    if run < _QUARTERS and mountings < _MOUNTINGS and np.count_nonzero(now) - run >= _QUARTERS:
+        return "The hinge turns it about the same of its axes as before. Fix it with another one along the hinge's."
+    if run and run % _QUARTERS == 0:
+        return "Fix it to the hinge with another of its axes along the hinge's, then hold still."
+    return "Turn it about the hinge by about 90 deg, then hold still."
 
 
 def _rarest_face(so_far: Seen, up: Array) -> Array:

@@ -259,6 +259,32 @@ def test_a_hinge_is_turned_and_the_device_mounted_another_way():
     assert session.guide.outcome.method == "hinge"
 
 
+def test_a_hinge_along_the_same_axis_as_before_is_said():
+    session = Session(method="hinge")
+    texts = []
+    for mounting in range(2):
+        for _ in range(5):
+            session.pieces.append(session.device.hold(HOLD + 0.6))
+            texts.append(session.guide.look(session.recording()).text)
+            session.pieces.append(session.device.rotate([0.0, 0.0, 0.5 * np.pi], 2.0))
+        session.pieces[-1] = session.device.turn([1.0, 0.3 + mounting, 0.2])
+    again = ["about the same of its axes as before" in text for text in texts]
+    assert again == [False] * 6 + [True] * 3 + [False]
+    assert "another of its axes" in texts[4]
+
+
+def test_a_hand_that_sags_is_said_and_one_that_does_not_is_not():
+    session = Session()
+    laid(session, np.eye(3))
+    assert "held still" not in session.look().note
+    for up in np.eye(3):
+        session.pieces += [session.device.turn(-up), session.device.rotate([8e-3, 8e-3, 8e-3], HOLD + 0.6)]
+    session.pieces.append(session.device.turn([1.0, 1.0, 0.0]))
+    note = session.look().note
+    assert note.startswith("The device turns by ")
+    assert 8.0 < float(note.split()[4]) < 13.0
+
+
 def test_two_faces_in_turn_are_never_enough():
     session = Session()
     laid(session, 11 * [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
