@@ -158,10 +158,18 @@ def _of_nodes(problem: RestProblem, linear: Linear, how: Weighing) -> Array:
     axis = np.linalg.svd(up)[2][2]
     if not any(one.gives_heading for one in problem.known):
         out[0, ATTITUDE, ATTITUDE] += np.outer(axis, axis) / _YAW**2
-    for part, white in ((GYRO_WALK, how.white[1]), (ACCEL_WALK, how.white[0])):
-        held = 1e4 / float(np.median(white))
+    for part, white in ((GYRO_WALK, _white_of_rates(problem, how)), (ACCEL_WALK, float(np.median(how.white[0])))):
+        held = 1e4 / white
         out[M // 2, part, part] += held * np.eye(3)
     return out
+
+
+def _white_of_rates(problem: RestProblem, how: Weighing) -> float:
+    """Return the variance of a standstill's rates by noise, also if it is not read."""
+    rests = problem.rests
+    if rests.silent:
+        return float(np.median(rests.density_w**2) / np.median(rests.durations))
+    return float(np.median(how.white[1]))
 
 
 def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array, first: RestNoise) -> RestNoise:
@@ -176,12 +184,17 @@ def find_noise(problem: RestProblem, linear: Linear, how: Weighing, about: Array
     rests = problem.rests
     span = max(float(rests.seconds[-1] - rests.seconds[0]), 1.0)
     hidden = how.units
+    if rests.silent:  # what rates at standstill err by is unknown, and walks are those by turns
+        hidden[_RATE] = np.sqrt(_white_of_rates(problem, how))
     hidden[3:5] = hidden[[1, 0]] / np.sqrt(span)
-    looked = [k for k in range(hidden.size) if not (problem.constant_offsets and k in (3, 4))]
+    left_out = (*((3, 4) if problem.constant_offsets else ()), *((_RATE,) if rests.silent else ()))
+    looked = [k for k in range(hidden.size) if k not in left_out]
     known = as_row(first)[0]
     begin = np.maximum(np.pad(known, (0, hidden.size - known.size)), hidden * _GRID[0])
     if problem.constant_offsets:
         begin[3:5] = 1e-3 * hidden[3:5]
+    if rests.silent:
+        begin[_RATE] = 0.0
 
     def evidence(figures: Array) -> Array:
         own = solution(problem, linear, how, figures, about).log_evidence

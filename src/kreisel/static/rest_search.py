@@ -10,7 +10,7 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.recording.recording import ImuSamples
 from kreisel.static.rests import Rests
-from kreisel.static.rounding import rounding_variance
+from kreisel.static.rounding import motion_noise_if_silent, rounding_variance
 from kreisel.validation.stamp_checks import LONG_GAP, gaps, runs
 
 BLOCK, WINDOW = 0.1, 8
@@ -43,6 +43,9 @@ _AT_END, _REPEATED, _SELDOM = 0.05, 3.0, 10.0
 """Share of a standstill's samples at the end of a range from which it is clipped, and factor on the share of the most
 frequent value, of which this percentile over all standstills is taken. Chosen: the mean is then moved by more than a
 fiftieth of the noise."""
+
+_ANY_RATE = 0.2
+"""rad/s; deviation of the rates at standstill that a device sets to zero. Chosen: no gyro's offset is larger."""
 
 MAX_RESTS = 2000
 """Most standstills that are used. Chosen: memory and time stay small; nobody turns a device so often."""
@@ -163,8 +166,24 @@ def _measured(imu: ImuSamples, first: Indices, last: Indices, step: int) -> Rest
         np.maximum(white[0], 1e-9), np.maximum(white[1], 1e-8),
         rounding_variance(imu.rates, kept, table[:, :3]), rounding_variance(imu.accelerations, kept, table[:, 3:6]),
     )  # fmt: skip
+    motion = motion_noise_if_silent(imu.rates, kept)
+    if motion is not None:
+        unknown = np.full_like(found.rates, _ANY_RATE**2)
+        first, last = _whole_silence(imu.rates, found)
+        found = replace(
+            found, silent=True, density_w=motion * np.sqrt(imu.interval), rounding_w=unknown, first=first, last=last
+        )
     clipped = _clipped(imu, found)
     return replace(found.part(~clipped), clipped=int(clipped.sum()))
+
+
+def _whole_silence(rates: Array, rests: Rests) -> tuple[Indices, Indices]:
+    """Return the first zero of each standstill and the sample after its last one, (M,), which has no offset either."""
+    starts, stops = runs((rates == 0.0).all(axis=1))
+    middle = (rests.first + rests.last) // 2
+    at = np.searchsorted(starts, middle, side="right") - 1
+    inside = (at >= 0) & (stops[at] > middle)
+    return np.where(inside, starts[at], rests.first), np.where(inside, stops[at], rests.last)
 
 
 def _clipped(imu: ImuSamples, rests: Rests) -> Mask:

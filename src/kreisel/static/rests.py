@@ -33,6 +33,8 @@ class Rests:
         Variances of the means by readings in steps, that are the same at standstills with the same mean.
     clipped
         Number of standstills that are none of these, because a reading was at the end of its range.
+    silent
+        Whether the device sets rates to zero at standstills, so that these say nothing.
     """
 
     first: Indices
@@ -48,6 +50,7 @@ class Rests:
     rounding_w: Array
     rounding_a: Array
     clipped: int = 0
+    silent: bool = False
 
     @property
     def count(self) -> int:
@@ -61,6 +64,6 @@ class Rests:
 
     def part(self, keep: Mask | Indices) -> Rests:
         """Return some of the standstills."""
-        common = ("density_w", "density_a", "clipped")
+        common = ("density_w", "density_a", "clipped", "silent")
         kept = {one.name: getattr(self, one.name)[keep] for one in fields(self) if one.name not in common}
         return replace(self, **kept)

@@ -1,7 +1,8 @@
 """Readings in steps: where noise does not carry them from one to the next, a standstill's mean errs by a part of one.
 
 The error is the same whenever the device lies the same way: it does not average out, and nothing scatters by it. The
-same holds for rates that a device sets to zero while they are small.
+same holds for rates that a device sets to zero while they are small. Rates that it sets to zero whenever it notices a
+standstill, however large they were, say nothing of the offsets with which it reads in motion.
 """
 
 from __future__ import annotations
@@ -26,6 +27,11 @@ _NEAR = 0.5
 
 _NOISE = np.linspace(0.0, 1.0, 2001)
 """Variances of noise, over the square of a step, for which errors are tabulated."""
+
+_ALL, _BLOCK, _QUIET, _NOISY = 0.9, 10, 20.0, 3.0
+"""Share of samples at standstill that are zero on all axes if the device sets them so, samples whose noise in motion is
+taken, percentile of these noises that is that of gentle motion, and steps that it must exceed. Chosen: with less noise
+readings may be zero because they are rounded."""
 
 _K = np.arange(1, 200)[:, None]
 _ERROR = np.sum(np.exp(-4.0 * np.pi**2 * _K**2 * _NOISE) / (2.0 * np.pi**2 * _K**2), axis=0)
@@ -64,6 +70,33 @@ def rounding_variance(values: Array, parts: Sequence[tuple[int, int]], means: Ar
         alike = np.abs(means[:, None, axis] - means[None, :, axis]) < _NEAR * step
         out[:, axis] = one * alike.sum(axis=1)
     return out
+
+
+def motion_noise_if_silent(rates: Array, parts: Sequence[tuple[int, int]]) -> Array | None:
+    """Return the noise of single readings in motion, (3,), if rates are set to zero at standstills; else None.
+
+    Parameters
+    ----------
+    rates : (n, 3)
+        All readings.
+    parts
+        First sample of each standstill, and the one after its last.
+    """
+    zero = (rates == 0.0).all(axis=1)
+    if float(np.mean(np.concatenate([zero[a:b] for a, b in parts]))) < _ALL:
+        return None
+    moving = ~zero
+    for a, b in parts:
+        moving[a:b] = False
+    third = np.abs(np.diff(rates[moving], 3, axis=0))
+    blocks = len(third) // _BLOCK
+    if not blocks:
+        return None
+    typical = np.median(third[: blocks * _BLOCK].reshape(blocks, _BLOCK, 3), axis=1)
+    # of white noise, the third difference is Gaussian, too, with 20 times the variance
+    noise = np.percentile(typical, _QUIET, axis=0) / (0.6745 * np.sqrt(20.0))
+    steps = np.array([_step(own, own) for own in rates[moving].T])
+    return np.asarray(noise) if (noise > _NOISY * steps).all() else None
 
 
 def _held(still: Array, every: Array) -> float:

@@ -39,6 +39,12 @@ CLIPPED = (
 )
 """What is said of standstills that are left out for this."""
 
+SILENT = (
+    "the device sets its rates to zero while it stands still: the gyros' offsets are those by which turns fit, and "
+    "hold for motion only"
+)
+"""What is said of such a device."""
+
 _ROUNDS, _CONTRADICTED = 3, 3.5
 """Times that angles between faces may be found to be larger than stated, and deviations from which they are."""
 
@@ -160,7 +166,8 @@ def calibrate_static(
     known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]
     of_gravity = [warning for warning in of_site if warning is not NO_LATITUDE]
     clipped = [DataWarning("standstills", CLIPPED.format(count=rests.clipped))] if rests.clipped else []
-    said = (*recording.warnings, *chosen.warnings, *clipped, *(of_gravity or known))
+    silent = [DataWarning("standstills", SILENT)] if rests.silent else []
+    said = (*recording.warnings, *chosen.warnings, *clipped, *silent, *(of_gravity or known))
     return concluded(recording, replace(chosen, warnings=said), only, progress, began)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from kreisel.errors import RecordingError
 from kreisel.simulation.standstills import HandTurns, hand_turned
+from kreisel.static.rest_search import find_rests
 from kreisel.static.static_result import calibrate_static
 from kreisel.validation.checks import check_streams
 
@@ -46,6 +47,27 @@ def test_turns_with_gyros_at_the_end_of_their_range_are_not_used(whole, from_all
     used = outcome.found.rows["turn"].node.size
     assert 0 < len(outcome.found.problem.unused) == outcome.found.problem.rests.count - 1 - used
     assert worst(outcome, from_all) < 3.0
+
+
+def silenced(recording):
+    """Return a recording whose device sets rates to zero from half a second after it comes to rest."""
+    rests = find_rests(recording.imu)
+    rates = recording.imu.rates.copy()
+    late = round(0.5 / recording.imu.interval)
+    for a, b in zip(rests.first, rests.last, strict=True):
+        rates[a + late : b + late // 10] = 0.0
+    return changed(recording, rates=rates)
+
+
+def test_a_device_that_sets_its_rates_to_zero_at_rest_has_its_offsets_in_motion(whole, from_all):
+    outcome = calibrate_static(silenced(whole))
+    assert outcome.calibration.accepted
+    assert any("sets its rates to zero" in str(one) for one in outcome.warnings)
+    assert worst(outcome, from_all) < 3.0
+    found, sd = outcome.calibration.sensors, outcome.calibration.sensor_sd
+    off = (found.k_w[0] - from_all.sensors.k_w[0]) / sd.k_w[0]
+    assert np.abs(off).max() < 3.0
+    assert np.abs(found.k_w[0]).max() > 4.0 * sd.k_w[0].max()  # zeros would be far off
 
 
 def test_standstills_with_accelerometers_at_the_end_of_their_range_are_not_used(whole, from_all):

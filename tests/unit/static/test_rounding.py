@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kreisel.static.rounding import rounding_variance
+from kreisel.static.rounding import motion_noise_if_silent, rounding_variance
 
 N = 4000
 
@@ -62,3 +62,22 @@ def test_rates_held_at_zero_may_be_as_large_as_the_least_that_is_not(rest):
 def test_a_channel_that_never_changes_has_no_step():
     values = np.zeros((N, 3))
     np.testing.assert_array_equal(rounding_variance(values, [(0, N)], np.zeros((1, 3))), 0.0)
+
+
+@pytest.mark.parametrize(("step", "silent"), [(0.0, True), (0.01, True), (1.0, False)])
+def test_zeros_at_rest_are_those_of_a_silent_device_if_noise_would_carry_them_over_a_step(step, silent):
+    rng = np.random.default_rng(3)
+    sweep = np.cumsum(rng.normal(0.0, 0.01, (2 * N, 3)), axis=0)
+    values = np.concatenate([np.zeros((N, 3)), sweep + rng.normal(0.0, 0.1, sweep.shape)])
+    values = step * np.round(values / step) if step else values
+    noise = motion_noise_if_silent(values, [(0, N)])
+    assert (noise is not None) == silent
+    if silent:
+        np.testing.assert_allclose(noise, 0.1, rtol=0.35)
+
+
+def test_few_zeros_at_rest_are_not_those_of_a_silent_device():
+    rng = np.random.default_rng(4)
+    values = rng.normal(0.0, 0.1, (2 * N, 3))
+    values[: N // 2] = 0.0
+    assert motion_noise_if_silent(values, [(0, N)]) is None
