@@ -21,6 +21,7 @@ from kreisel.static.count_sizes import in_quantities
 from kreisel.static.known_attitudes import Faces, TableTurns
 from kreisel.static.lost_share import lost_share
 from kreisel.static.multi_position import StaticEstimate, estimate_static, part_about, shows_even_terms, undecided_by
+from kreisel.static.rate_size import check_rate_size
 from kreisel.static.rest_problem import RestProblem, nuisance, raw_of
 from kreisel.static.rest_search import find_rests
 from kreisel.static.slow_turn import common_turn, effect_of
@@ -161,6 +162,8 @@ def calibrate_static(
     site, of_site = site_of(table)
     imu, counts = in_quantities(recording.imu, site.gravity)
     rests = find_rests(imu)
+    if counts is None:
+        check_rate_size(imu, rests)
     problem = RestProblem(imu, raw_of(imu), rests, site, constant_offsets=constant_offsets)
     chosen = replace(with_method(problem, method, recording.table, squareness), counts=counts)
     known = [] if site.gravity_sd < UNKNOWN_SD else [DataWarning("site", _NO_GRAVITY)]

@@ -7,6 +7,7 @@ import pytest
 
 from kreisel.errors import RecordingError
 from kreisel.simulation.standstills import HandTurns, hand_turned
+from kreisel.static.rate_size import check_rate_size
 from kreisel.static.rest_search import find_rests
 from kreisel.static.static_result import calibrate_static
 from kreisel.validation.checks import check_streams
@@ -47,6 +48,20 @@ def test_turns_with_gyros_at_the_end_of_their_range_are_not_used(whole, from_all
     used = outcome.found.rows["turn"].node.size
     assert 0 < len(outcome.found.problem.unused) == outcome.found.problem.rests.count - 1 - used
     assert worst(outcome, from_all) < 3.0
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, 20.0])
+def test_rates_that_are_all_too_large_are_refused_with_the_factor(whole, factor):
+    with pytest.raises(RecordingError, match="turns agree with gravity only if all rates are multiplied") as raised:
+        calibrate_static(changed(whole, rates=factor * whole.imu.rates))
+    said = float(str(raised.value).split("multiplied by ")[1].split(":")[0])
+    assert said * factor == pytest.approx(1.0, rel=0.05)
+
+
+def test_rates_that_no_factor_makes_fit_are_not_refused_for_it(whole):
+    check_rate_size(whole.imu, find_rests(whole.imu))
+    mirrored = replace(whole.imu, rates=whole.imu.rates * [1.0, -1.0, 1.0])
+    check_rate_size(mirrored, find_rests(mirrored))
 
 
 def silenced(recording):
