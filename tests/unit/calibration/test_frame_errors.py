@@ -38,7 +38,7 @@ def test_a_tool_turned_sees_the_same_motion_turned(columns, axis):
     """Corrected rates and forces at the origin of b come out turned; terms of the square of the angle are 1e-10."""
     rng = np.random.default_rng(axis)
     w, a, alpha = (rng.normal(size=(20, 3)) for _ in range(3))
-    turn = quat.exp(ANGLE * (1.25 if axis == 2 else 1.0) * np.eye(3)[axis])  # with the last joint's zero
+    turn = quat.exp(ANGLE * (1.25 if axis == 2 else 0.8) * np.eye(3)[axis])  # with the last joint's zero
     before, after = parameters().sensors, moved(columns[:, axis]).sensors
     omega = correct_angular_rate(w, before)
     turned = correct_angular_rate(w, after)
@@ -46,7 +46,7 @@ def test_a_tool_turned_sees_the_same_motion_turned(columns, axis):
     force = correct_specific_force(a, omega, alpha, before)
     found = correct_specific_force(a, turned, quat.rotate(turn, alpha), after)
     np.testing.assert_allclose(found, quat.rotate(turn, force), atol=1e-9)
-    assert np.abs(turned - omega).max() > 0.5 * ANGLE
+    assert np.abs(turned - omega).max() > 0.4 * ANGLE
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -85,7 +85,7 @@ def test_repeatability_acts_as_errors_of_the_frames_that_average_over_the_rests(
     assert rests > 3
     found = repeatability_columns(problem, parameters())
     sd = noise.standstill_position, noise.standstill_orientation
-    whole = frame_columns(with_noise(problem, frame_sd=sd), parameters(), last_axis=1.0)
+    whole = frame_columns(with_noise(problem, frame_sd=sd), parameters(), about=(1.0, 1.0, 1.0))
     np.testing.assert_allclose(found * rests**0.5, whole)
     moving = replace(problem, schedule=replace(problem.schedule, standstills=()))
     assert not repeatability_columns(moving, parameters()).any()
