@@ -29,6 +29,9 @@ LEVEL = (0.96, 0.28, 0.05)
 DRILL = HandTurns(attitudes=12, laid="hinge", table_axis=LEVEL, spin=40.0, spin_rate=6.0, off_axis=0.03)
 """Forty revolutions in each mounting, one a second, three centimetres off."""
 
+BY_A_STOP = HandTurns(attitudes=12, laid="faces", by_a_stop=True, laid_error=1e-3)
+"""Each face has the same tilt again."""
+
 SITUATIONS: dict[str, HandTurns] = {
     **{grade: HandTurns(grade) for grade in GRADES},
     "few attitudes": HandTurns(attitudes=10),
@@ -61,6 +64,9 @@ SITUATIONS: dict[str, HandTurns] = {
     "faces, case skewed by 5 mrad": HandTurns(attitudes=12, laid="faces", squareness=5e-3),
     "faces, laid down to 30 mrad": HandTurns(attitudes=12, laid="faces", laid_error=0.03),
     "faces, held to 0.1 rad": HandTurns(attitudes=12, laid="faces", laid_error=0.1, tremor=2e-3),
+    "faces, by a stop on a slope of 25 mrad": replace(BY_A_STOP, slope=(0.02, -0.015)),
+    "faces, by a stop": BY_A_STOP,
+    "whole turns on a slope of 25 mrad": HandTurns(attitudes=12, laid="whole turns", slope=(0.02, -0.015)),
     "whole turns, to 50 mrad": HandTurns(attitudes=12, laid="whole turns", heading_error=0.05),
     "whole turns, all short by 0.1 rad": HandTurns(attitudes=12, laid="whole turns", heading_bias=0.1),
     "whole turns, fog, short by 0.1 rad": HandTurns("fog", attitudes=12, laid="whole turns", heading_bias=0.1),

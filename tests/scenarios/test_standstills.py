@@ -56,6 +56,21 @@ def test_deviations_hold_for_what_else_is_known(laid):
     assert 0.5 < np.sqrt(np.mean(found**2)) < 1.4
 
 
+def test_faces_by_a_stop_on_a_slope_do_not_look_like_square_terms():
+    found = []
+    for seed in range(4):
+        how = HandTurns(attitudes=12, laid="faces", by_a_stop=True, laid_error=1e-3, slope=(0.02, -0.015))
+        truth, recording = hand_turned(how, np.random.default_rng([seed, 80]))
+        outcome = calibrate_static(check_streams(recording))
+        assert outcome.method == "six-position"
+        assert outcome.calibration.accepted, outcome.calibration.verdict
+        assert outcome.calibration.sensor_sd.k_a[0].max() < 5e-3
+        found.append(scores(truth, outcome))
+    found = np.concatenate(found)
+    assert np.abs(found).max() < 4.0
+    assert 0.5 < np.sqrt(np.mean(found**2)) < 1.4
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("spin", "sd"), [(0.0, 4e-4), (40.0, 6e-5)])
 def test_a_hinge_and_a_drill_show_the_gyros_whatever_their_angles(spin, sd):

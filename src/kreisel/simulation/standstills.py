@@ -74,6 +74,10 @@ class HandTurns:
         Whether all whole turns go the same way round, seen from above to the right.
     squareness
         Of the angles between faces, rad.
+    slope
+        Of the table on which faces are laid, rad about two horizontal axes.
+    by_a_stop
+        Whether faces are laid against a stop, so that each has the same heading again.
     table_axis, table_tilt, table_error
         Of a turntable, or a hinge: its axis in the local level, how far that is off, and the error of each of its
         turns, rad.
@@ -107,6 +111,8 @@ class HandTurns:
     heading_bias: float = 0.0
     one_sense: bool = False
     squareness: float = 2e-3
+    slope: tuple[float, float] = (0.0, 0.0)
+    by_a_stop: bool = False
     table_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     table_tilt: float = 0.02
     table_error: float = 1e-4
@@ -256,20 +262,23 @@ def _moves(how: HandTurns, rng: np.random.Generator) -> list[_Move]:
     normals = np.eye(3)
     for (i, j), a in zip(((0, 1), (0, 2), (1, 2)), angles, strict=True):
         normals[i, j] = normals[j, i] = 0.5 * a
+    table = exp([*how.slope, 0.0])
     order = [k % 6 for k in range(how.attitudes)]
     out: list[_Move] = []
     for k in order:
         axis, sign = k // 2, 1.0 - 2.0 * (k % 2)
         up = sign * normals[axis]
         q = from_two_vectors(up / np.linalg.norm(up), [0.0, 0.0, -1.0])
-        q = multiply(exp([0.0, 0.0, rng.uniform(-np.pi, np.pi)]), multiply(q, exp(rng.normal(0.0, how.laid_error, 3))))
+        heading = (0.0 if how.by_a_stop else 1.0) * rng.uniform(-np.pi, np.pi)
+        q = multiply(exp([0.0, 0.0, heading]), multiply(q, exp(rng.normal(0.0, how.laid_error, 3))))
+        q = multiply(table, q)
         out.append(_Move(q))
         if how.laid == "whole turns" and sign > 0.0:
             tilt = rng.normal(0.0, 0.3 * how.laid_error, 3)
             sense = rng.choice([-1.0, 1.0])
             sense = 1.0 if how.one_sense else sense
             tilt[2] = rng.normal(0.0, how.heading_error) - sense * how.heading_bias
-            turn = sense * np.array([0.0, 0.0, 2.0 * np.pi])
+            turn = apply(table, sense * np.array([0.0, 0.0, 2.0 * np.pi]))
             out.append(_Move(multiply(exp(tilt), q), turn))
     return out
 

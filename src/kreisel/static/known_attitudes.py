@@ -23,6 +23,9 @@ a hinge's axis. The noise figure of each, found by evidence, begins at an eighth
 _EXACT = 1e-6
 """rad; deviation of angles that are stated to be exact."""
 
+_LEVEL = 0.02
+"""rad; deviation of a table's tilt. Chosen: about a degree; nobody levels a desk."""
+
 _SKEWED = np.array([
     [[0.0, 0.5, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]],
     [[0.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0]],
@@ -43,12 +46,15 @@ class Faces:
         Axis of the case, 0 to 2, that points up, or down if the sign is -1.
     squareness
         Standard deviation of the angles between faces, rad.
+    headed
+        Whether gyros show the headings, so that the tilt of the table they all are laid on is seen.
     """
 
     node: Indices
     axis: Indices
     sign: Array
     squareness: float
+    headed: bool = True
 
     kind = "face"
     gives_heading = False
@@ -56,9 +62,11 @@ class Faces:
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
-        """The case's rotation against the accelerometers' axes, and the angles between its faces."""
+        """The case's rotation against the accelerometers' axes, the angles between its faces, and the table's tilt."""
         labels = (*(f"case.rotation[{i}]" for i in range(3)), *(f"case.angles[{i}]" for i in range(3)))
-        return (Nuisance("case", labels, np.repeat([_CASE_TURNED, max(self.squareness, _EXACT)], 3)),)
+        case = Nuisance("case", labels, np.repeat([_CASE_TURNED, max(self.squareness, _EXACT)], 3))
+        tilt = Nuisance("tilt", ("table.tilt[0]", "table.tilt[1]"), np.full(2, _LEVEL if self.headed else _EXACT))
+        return case, tilt
 
     @property
     def white(self) -> Array:
@@ -71,19 +79,21 @@ class Faces:
         return 1.0 - np.eye(3)[self.axis]
 
     def equations(self, problem: RestProblem, p: CellParameters, C: Array) -> Equations:
-        """Return that the normal of a face is up, by equation (36) of docs/explanation/model.md."""
+        """Return that the normal of a face is that of the table, by equation (36) of docs/explanation/model.md."""
         rotation, angles = np.split(nuisance(p, "case", 6), 2)
         R = matrix(exp(rotation))
         normals = np.eye(3) + np.einsum("kij,k->ij", _SKEWED, angles)
         n = self.sign[:, None] * normals[self.axis]
-        up = -C[self.node, 2]
-        seen = up @ R.T
+        level = C[self.node]
+        normal = nuisance(p, "tilt", 2) @ level[:, :2] - level[:, 2]
+        seen = normal @ R.T
         across = self.share[:, :, None]
         of_node = np.zeros((self.node.size, 3, NODE))
-        of_node[..., ATTITUDE] = across * (skew(n) @ R @ skew(up))
+        of_node[..., ATTITUDE] = across * (skew(n) @ R @ skew(normal))
         by_rotation = -skew(n) @ skew(seen) @ _left_jacobian(rotation)
         by_angles = -skew(seen) @ np.moveaxis(self.sign[:, None, None] * _SKEWED[:, self.axis].swapaxes(0, 1), 1, 2)
-        columns = {"case": across * np.concatenate([by_rotation, by_angles], axis=2)}
+        by_tilt = skew(n) @ R @ level[:, :2].swapaxes(1, 2)
+        columns = {"case": across * np.concatenate([by_rotation, by_angles], axis=2), "tilt": across * by_tilt}
         r = self.share * np.cross(n, seen)
         return Equations(r, self.node, of_node, None, problem.columns(columns, self.node.size))
 

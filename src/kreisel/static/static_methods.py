@@ -17,6 +17,7 @@ from kreisel.static.rest_equations import attitudes_by
 from kreisel.static.rest_problem import RestProblem
 from kreisel.static.spins import cut_off, leading, steps_of, uncounted
 from kreisel.static.turns import turns_between
+from kreisel.validation.stamp_checks import LONG_GAP, gaps
 
 METHODS = ("multi-position", "six-position", "ferraris", "turntable", "hinge")
 """Names of the static methods, by what is known of the attitudes besides gravity: nothing, faces of a case, faces and
@@ -192,7 +193,9 @@ def _faces(problem: RestProblem, start: CellParameters, near: float, squareness:
     axis: Indices = np.argmax(np.abs(up), axis=1)
     largest = np.take_along_axis(up, axis[:, None], axis=1)[:, 0]
     node = np.flatnonzero(np.abs(largest) > np.cos(near))
-    return Faces(node, axis[node], np.sign(largest[node]), squareness)
+    imu = problem.imu
+    headed = bool(np.ptp(imu.rates, axis=0).all()) and not len(gaps(imu.stamps_ns, LONG_GAP))
+    return Faces(node, axis[node], np.sign(largest[node]), squareness, headed)
 
 
 def _whole_turns(problem: RestProblem, start: CellParameters, faces: Faces) -> WholeTurns:
