@@ -60,17 +60,29 @@ def check_latitude(found: Estimate, progress: Progress | None = None) -> Latitud
 
 
 def _isotropic(free: Problem, fit: Fit) -> float:
-    """Return the logarithm of how much likelier the effect is the same in all axes than as its prior has it.
+    """Return the logarithm of how much likelier the effect is the same in all axes than as its prior has it."""
+    part = free.layout[_MIMICS]
+    value = fit.belief.mean[free.layout.stored(_MIMICS)]
+    return same_in_all_axes(value, fit.belief.covariance[part, part], free.prior.covariance[_MIMICS])
+
+
+def same_in_all_axes(value: Array, P: Array, prior: Array) -> float:
+    """Return the logarithm of how much likelier a matrix is a multiple of the unit matrix than as its prior has it.
 
     The ratio of the posterior density of its eight other components to their prior one, both at zero (Savage and
     Dickey). Gyros respond to acceleration by nine numbers, which are no multiple of the unit matrix by chance.
+
+    Parameters
+    ----------
+    value : (9,)
+        Its entries; of fewer the answer is minus infinity.
+    P, prior : (9, 9)
+        Their covariance, and that before any look at the data.
     """
-    part = free.layout[_MIMICS]
-    value, P = fit.belief.mean[free.layout.stored(_MIMICS)], fit.belief.covariance[part, part]
     others = np.linalg.svd(np.eye(3).reshape(1, 9))[2][1:]
     if value.size != others.shape[1]:
         return -np.inf
-    found, before = (others @ C @ others.T for C in (P, free.prior.covariance[_MIMICS]))
+    found, before = (others @ C @ others.T for C in (P, prior))
     off = others @ value
     more = np.linalg.slogdet(before)[1] - np.linalg.slogdet(found)[1]
     return float(0.5 * (more - off @ np.linalg.solve(found, off)))

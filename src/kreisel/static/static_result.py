@@ -28,6 +28,7 @@ from kreisel.static.slow_turn import common_turn, effect_of
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
 from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import judge_static
+from kreisel.static.vertical_turn import effect_of_vertical, vertical_turn
 from kreisel.units import MRAD
 
 _NO_GRAVITY = (
@@ -195,10 +196,11 @@ def concluded(
     least, most = lost_share(found.problem.imu, rests)
     walked = _walked(found)
     own = found.problem.reported
-    turning = common_turn(rests)
+    turning, vertical = common_turn(rests), vertical_turn(found)
     contributions = [
         *_contributions(found, walked, most, chosen),
         Contribution("standstills that turn", Source.MISFIT, effect_of(turning, found)),
+        Contribution("what turns about the vertical", Source.MISFIT, effect_of_vertical(vertical, found)),
     ]
     more = [replace(one, columns=one.columns[:own]) for one in contributions]
     covariance = np.asarray(found.covariance[:own, :own] + sum(one.covariance for one in more))
@@ -207,7 +209,10 @@ def concluded(
     warnings = (*chosen.warnings, *_remarks(found, walked, least))
     if turning.any():
         warnings = (*warnings, DataWarning("standstills", _TURNING.format(rate=float(np.linalg.norm(turning)))))
-    verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only)
+    if vertical is not None and not vertical.reason:
+        warnings = (*warnings, DataWarning("standstills", vertical.remark))
+    latitude = "" if vertical is None else vertical.reason
+    verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only, latitude)
     judged = Judged(chosen, covariance, budget_of(found, more), verdict, time.perf_counter() - began, warnings)
     names = found.problem.names[:own]
     calibration = Calibration(

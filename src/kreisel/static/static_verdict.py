@@ -29,7 +29,9 @@ MAX_HALVES = 4.5
 """Deviations by which both halves of a recording may differ, as in `calibrate`."""
 
 
-def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, only: str | None) -> Verdict:
+def judge_static(
+    found: StaticEstimate, deviation: Array, halves: Array | None, only: str | None, latitude: str = ""
+) -> Verdict:
     """Return the verdict.
 
     Parameters
@@ -40,6 +42,8 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
         Difference of both halves over its deviation, if there are enough standstills.
     only
         The sensor that is asked for.
+    latitude
+        What contradicts the stated latitude.
     """
     names = found.problem.names[: deviation.size]
     judged = [(name, _weakness(name, sd)) for name, sd in zip(names, deviation, strict=True)]
@@ -60,6 +64,8 @@ def judge_static(found: StaticEstimate, deviation: Array, halves: Array | None, 
                     f"both halves of the recording differ by {max(far)[0]:.1f} deviations in {max(far)[1]}: something "
                     "changed that is not modelled"
                 )
+    if latitude:
+        reasons["gyroscope"].append(latitude)
     count = found.problem.rests.count
     if found.noise.force > MAX_FORCE:
         reasons["accelerometer"].append(

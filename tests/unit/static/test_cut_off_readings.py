@@ -10,6 +10,7 @@ from kreisel.simulation.standstills import HandTurns, hand_turned
 from kreisel.static.rate_size import check_rate_size
 from kreisel.static.rest_search import find_rests
 from kreisel.static.static_result import calibrate_static
+from kreisel.static.vertical_turn import vertical_turn
 from kreisel.validation.checks import check_streams
 
 
@@ -126,3 +127,18 @@ def test_columns_in_disorder_are_named(whole, rates, accelerations, said):
     with pytest.raises(RecordingError) as caught:
         calibrate_static(changed(whole, written(imu.rates, rates), written(imu.accelerations, accelerations)))
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(("latitude", "found"), [(48.0, None), (-48.0, 48.0), (10.0, 48.0)])
+def test_a_latitude_that_the_earths_rotation_contradicts_is_found(latitude, found):
+    recording = hand_turned(HandTurns("fog", attitudes=24, rest=3.0), np.random.default_rng(5))[1]
+    site = recording.settings.site.model_copy(update={"latitude_deg": latitude})
+    settings = recording.settings.model_copy(update={"site": site})
+    outcome = calibrate_static(check_streams(replace(recording, settings=settings)))
+    turn = vertical_turn(outcome.found)
+    assert outcome.calibration.accepted == (found is None)
+    if found is None:
+        assert turn is None
+    else:
+        assert abs(turn.found_deg - found) < 4.0 * turn.latitude_sd_deg
+        assert any("contradicts the Earth's rotation" in reason for reason in outcome.calibration.verdict.reasons)
