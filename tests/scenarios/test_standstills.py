@@ -89,6 +89,25 @@ def test_a_hinge_and_a_drill_show_the_gyros_whatever_their_angles(spin, sd):
     assert 0.5 < np.sqrt(np.mean(found**2)) < 1.4
 
 
+def test_a_table_whose_scale_is_wrong_is_contradicted_by_turns_by_hand():
+    """The gyros' scale factors would be 1 % off, and nothing but the turns from one mounting to the next shows it."""
+    how = HandTurns("industrial-mems", attitudes=18, laid="turntable")
+    _, recording = hand_turned(how, np.random.default_rng(81))
+    wrong = replace(recording.table, angles=1.01 * recording.table.angles)
+    assert not calibrate_static(check_streams(replace(recording, table=wrong))).calibration.accepted
+    outcome = calibrate_static(check_streams(recording))
+    assert outcome.calibration.accepted
+    by_hand = np.setdiff1d(outcome.found.rows["turn"].node, outcome.found.problem.known[0].node)
+    assert by_hand.size == 2
+    deviation = np.sqrt(np.diag(outcome.calibration.covariance))
+    at = np.isin(outcome.found.rows["turn"].node, by_hand)
+    for count in (1, 2):
+        inflated = np.where(at & (np.cumsum(at) <= count), 1e9, 0.0)
+        against = replace(outcome.found, inflated={"turn": inflated})
+        assert [node for _, node in against.left_out] == by_hand[:count].tolist()
+        assert judge_static(against, deviation, None, None).accepted == (count < 2)
+
+
 def test_a_turntables_clock_is_that_by_which_most_of_its_turns_agree():
     """By a clock that is 145 s off, and 4 % fast, the rates of this one are more alike, and a single turn agrees."""
     name = "turntable, fog-mems"

@@ -37,10 +37,11 @@ _ALWAYS = (
 
 _WIDTHS = {"gyro_cross_coupling": 1.0, "gyro_offset": 1.0, "accel_cross_coupling": 1.0, "accel_offset": 10.0,
            "north": 0.7, "earth_down": 3**-0.5, "gyro_polynomial": 1e-3, "accel_polynomial": 3e-4,
-           "gyro_cubic": 2e-4, "gyro_axis_smoothing": 3e-4}  # fmt: skip
+           "accel_asymmetry": 2e-3, "gyro_cubic": 2e-4, "gyro_axis_smoothing": 3e-4}  # fmt: skip
 """SI: deviations before any look at the data. Chosen: of the sensors' usual parameters nothing is assumed; the Earth's
 rotation is of its size, in any direction; terms of second and third degree are 0.5 % at 5 rad/s and 2 g, as data sheets
-of consumer devices say; smoothing is that of a filter of 7 Hz."""
+of consumer devices say, and scale factors of accelerometers that differ with the sign about as large, so that neither
+stands in for the other; smoothing is that of a filter of 7 Hz."""
 
 
 @dataclass(frozen=True)

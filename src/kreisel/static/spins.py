@@ -25,6 +25,9 @@ three per cent may then be half a revolution off."""
 _STRAIGHT = 0.98
 """Share of a turn's way that leads along one axis, from which it is about one."""
 
+_WRAPPED = 0.9
+"""Share of the range of a gyro's readings that it crosses in one sample if it wraps round: no device turns so fast."""
+
 _AT_END = 3
 """Samples at the end of a gyro's range, from which a turn is cut off: fewer may be the largest rate there was."""
 
@@ -54,11 +57,12 @@ def many_revolutions(problem: RestProblem, start: SensorParameters) -> Indices:
 
 
 def cut_off(problem: RestProblem) -> Indices:
-    """Return the turns in which a gyro is at the end of its range: nobody knows how far the device turned."""
+    """Return the turns in which a gyro is at the end of its range, or wraps round: nobody knows how far it turned."""
     imu, rests = problem.imu, problem.rests
     ends = np.stack([imu.rates.max(axis=0), imu.rates.min(axis=0)])
     at_end = np.isin(imu.stamps_ns, imu.broken_ns) & (imu.rates[:, None] == ends).any(axis=(1, 2))
-    before = np.concatenate([[0], np.cumsum(at_end)])
+    wrapped = (np.abs(np.diff(imu.rates, axis=0)) > _WRAPPED * (ends[0] - ends[1])).any(axis=1)
+    before = np.concatenate([[0], np.cumsum(at_end + _AT_END * np.append(wrapped, False))])
     return np.flatnonzero(before[rests.first[1:]] - before[rests.last[:-1]] >= _AT_END)
 
 

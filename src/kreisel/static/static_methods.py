@@ -97,7 +97,9 @@ _UNCOUNTED = (
 )
 """What is said of turns that are left out for this."""
 
-_CUT_OFF = "turns in which a gyro is at the end of its range, and that are not used: {count}; turn more slowly"
+_CUT_OFF = (
+    "turns in which a gyro is at the end of its range, or beyond, and that are not used: {count}; turn more slowly"
+)
 """The same, of gyros that are saturated."""
 
 _DETECTED = {

@@ -30,6 +30,7 @@ from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import judge_static
 from kreisel.static.vertical_turn import effect_of_vertical, vertical_turn
 from kreisel.units import MRAD
+from kreisel.validation.masking import without_spikes
 
 _NO_GRAVITY = (
     "gravity is not known well: the accelerometers' scale factors are uncertain by 0.15 % for it (--gravity, or "
@@ -40,6 +41,9 @@ CLIPPED = (
     "standstills at which a reading is at the end of its range, and that are not used: {count}; choose a larger range"
 )
 """What is said of standstills that are left out for this."""
+
+_SPIKES = "samples that are spikes, and that are not used: {count}"
+"""What is said of them."""
 
 SILENT = (
     "the device sets its rates to zero while it stands still: the gyros' offsets are those by which turns fit, and "
@@ -161,7 +165,8 @@ def calibrate_static(
     if gravity is not None:
         table = table.model_validate({**table.model_dump(), "gravity": gravity})
     site, of_site = site_of(table)
-    imu, counts = in_quantities(recording.imu, site.gravity)
+    imu, spikes = without_spikes(recording.imu)
+    imu, counts = in_quantities(imu, site.gravity)
     rests = find_rests(imu)
     if counts is None:
         check_rate_size(imu, rests)
@@ -171,7 +176,8 @@ def calibrate_static(
     of_gravity = [warning for warning in of_site if warning is not NO_LATITUDE]
     clipped = [DataWarning("standstills", CLIPPED.format(count=rests.clipped))] if rests.clipped else []
     silent = [DataWarning("standstills", SILENT)] if rests.silent else []
-    said = (*recording.warnings, *chosen.warnings, *clipped, *silent, *(of_gravity or known))
+    left = [DataWarning("imu", _SPIKES.format(count=spikes))] if spikes else []
+    said = (*recording.warnings, *chosen.warnings, *left, *clipped, *silent, *(of_gravity or known))
     return concluded(recording, replace(chosen, warnings=said), only, progress, began)
 
 

@@ -19,6 +19,9 @@ MAX_LEFT_OUT = 0.2
 MAX_FORCE = 0.1
 """m/s^2; largest error of the force at a standstill: 10 mrad. Chosen: a hand that is no longer still."""
 
+_CONTRADICTING, _MOST_AGAINST = 2, 0.4
+"""Turns by hand that contradict a table, and share of all of them, from which on the table is not trusted."""
+
 _WHOLE = 0.05
 """rad; turns by a table that differ less from whole ones show nothing new. Chosen: turns of 358 deg suffice."""
 
@@ -57,6 +60,8 @@ def judge_static(
             reasons[sensor].append(hidden[sensor])
             continue  # what is implausible beside that is a consequence
         reasons[sensor] += _device(found, sensor) + _left_out(found, sensor)
+        if sensor == "gyroscope":
+            reasons[sensor] += _against_a_table(found)
         if halves is not None:
             far = [(abs(s), n) for s, n in zip(halves, names, strict=True) if n.startswith(sensor)]
             if far and max(far)[0] > MAX_HALVES:
@@ -68,10 +73,13 @@ def judge_static(
         reasons["gyroscope"].append(latitude)
     count = found.problem.rests.count
     if found.noise.force > MAX_FORCE:
-        reasons["accelerometer"].append(
-            f"forces at standstills err by {found.noise.force:.2g} m/s^2: the device was not at rest"
-            + (f", or {count} standstills are too few: more are needed" if count < _FEW else "; lay it down")
+        text = f"forces at standstills err by {found.noise.force:.2g} m/s^2: the device was not at rest" + (
+            f", or {count} standstills are too few: more are needed"
+            if count < _FEW
+            else ", or turns between them are not measured as a whole"
         )
+        for own in reasons.values():  # the gyros are measured by gravity's turns
+            own.append(text)
     asked = SENSORS if only is None else (only,)
     states = {
         s: "accepted" if not own else "not_observable" if own == [hidden.get(s)] else "rejected"
@@ -129,6 +137,21 @@ def _device(found: StaticEstimate, sensor: str) -> list[str]:
     if float(np.ptp(scale)) > 2.0 * MAX_SPREAD or float(np.abs(off).max()) > 2.0 * MAX_ANGLE:
         return [f"{sensor} scale and axes are those of no device: the standstills are none, or readings are lost"]
     return []
+
+
+def _against_a_table(found: StaticEstimate) -> list[str]:
+    """Return the reason that turns by hand contradict those of a table."""
+    tables = [one.node for one in found.problem.known if isinstance(one, TableTurns)]
+    if not tables:
+        return []
+    by_hand = np.setdiff1d(found.rows["turn"].node, np.concatenate(tables))
+    against = np.intersect1d([node for kind, node in found.left_out if kind == "turn"], by_hand).size
+    if against < _CONTRADICTING or against < _MOST_AGAINST * by_hand.size:
+        return []
+    return [
+        f"{against} of {by_hand.size} turns by hand do not fit those of the table: its scale, or its clock, is wrong, "
+        "or it was not the device alone that was turned"
+    ]
 
 
 def _left_out(found: StaticEstimate, sensor: str) -> list[str]:

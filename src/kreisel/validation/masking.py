@@ -228,6 +228,21 @@ def without_faults(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Da
     return left, [_warning(kind, imu, moved=moved, breaks=kind is saturated) for kind in kinds if kind.text]
 
 
+def without_spikes(imu: ImuSamples) -> tuple[ImuSamples, int]:
+    """Return the samples without spikes of one sample, and how many these were; all where they are too many to be."""
+    left = imu
+    for _ in range(_MAX_ROUNDS):  # large spikes hide smaller ones
+        keep = np.ones(left.stamps_ns.size, dtype=bool)
+        for chunk in _chunks(left):
+            for one in _spikes(chunk):
+                keep[chunk.whole] &= ~one.samples
+        if keep.all():
+            break
+        left = part_of(left, keep)
+    count = imu.stamps_ns.size - left.stamps_ns.size
+    return (left, count) if count <= MAX_MASKED * imu.stamps_ns.size else (imu, 0)
+
+
 def _check_share(kind: _Found, imu: ImuSamples) -> None:
     """Raise the error for more faults of one kind than can be left out."""
     count = int(kind.samples.sum())

@@ -65,6 +65,41 @@ def test_rates_that_no_factor_makes_fit_are_not_refused_for_it(whole):
     check_rate_size(mirrored, find_rests(mirrored))
 
 
+def test_turns_in_which_a_gyro_wraps_round_are_not_used(whole, from_all):
+    limit = 0.7 * np.abs(whole.imu.rates).max()
+    outcome = calibrate_static(changed(whole, rates=(whole.imu.rates + limit) % (2.0 * limit) - limit))
+    assert len(outcome.found.problem.unused) > 0
+    assert outcome.calibration.accepted
+    assert worst(outcome, from_all) < 3.0
+
+
+def test_spikes_of_single_samples_are_not_used(whole, from_all):
+    rng = np.random.default_rng(6)
+    rates, forces = whole.imu.rates.copy(), whole.imu.accelerations.copy()
+    at = rng.choice(len(rates), 30, replace=False)
+    rates[at[:15], at[:15] % 3] += rng.choice([-1.0, 1.0], 15) * rng.uniform(5.0, 30.0, 15)
+    forces[at[15:], at[15:] % 3] += rng.choice([-1.0, 1.0], 15) * rng.uniform(20.0, 60.0, 15)
+    outcome = calibrate_static(changed(whole, rates=rates, accelerations=forces))
+    assert any("samples that are spikes" in str(one) for one in outcome.warnings)
+    assert outcome.calibration.accepted
+    assert worst(outcome, from_all) < 3.0
+
+
+def test_gyros_are_not_accepted_alone_where_turns_miss_readings(whole):
+    """In a third of the turns 0.2 s are missing while the stamps go on."""
+    rests = find_rests(whole.imu)
+    keep = np.ones(len(whole.imu.stamps_ns), dtype=bool)
+    for a, b in list(zip(rests.last[:-1], rests.first[1:], strict=True))[::3]:
+        middle = (a + b) // 2
+        keep[middle : middle + round(0.2 / whole.imu.interval)] = False
+    imu = whole.imu
+    part = replace(
+        imu, stamps_ns=imu.stamps_ns[: keep.sum()], rates=imu.rates[keep], accelerations=imu.accelerations[keep]
+    )
+    outcome = calibrate_static(check_streams(replace(whole, imu=part)), only="gyroscope")
+    assert not outcome.calibration.accepted
+
+
 def silenced(recording):
     """Return a recording whose device sets rates to zero from half a second after it comes to rest."""
     rests = find_rests(recording.imu)
