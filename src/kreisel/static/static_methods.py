@@ -297,13 +297,16 @@ def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array, ratio: f
     seconds: the table's, at every sample of the IMU; ratio: of these to the IMU's.
     """
     rests = problem.rests
-    begin, end = (np.interp(seconds[at], table.seconds, table.angles) for at in (rests.first, rests.last - 1))
+    # clocks may drift apart: well inside a standstill the table stands still by either
+    quarter = (rests.last - rests.first) // 4
+    inside = (rests.first + quarter, rests.last - 1 - quarter)
+    begin, end = (np.interp(seconds[at], table.seconds, table.angles) for at in inside)
     recorded = (seconds[rests.first] >= table.seconds[0]) & (seconds[rests.last - 1] <= table.seconds[-1])
     still: Mask = recorded & (np.abs(end - begin) < _STILL)
     if np.count_nonzero(still) < MIN_ATTITUDES:
         return None
     problem = replace(problem, rests=rests.part(still))
-    angle = begin[still][1:] - end[still][:-1]
+    angle = np.diff(0.5 * (begin + end)[still])
     start = first_values(problem)
     way = _sums(problem, start)
     turned = np.abs(angle) > _TURNED

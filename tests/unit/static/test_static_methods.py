@@ -67,6 +67,16 @@ def test_table_turns_have_the_angle_of_the_table_whatever_its_clock():
     np.testing.assert_allclose(turns.angle, np.diff(angles)[turns.node], atol=1e-3)
 
 
+def test_a_table_whose_clock_drifts_by_less_than_is_looked_for_has_the_same_angles():
+    problem, table = case(laid="turntable", attitudes=36)
+    expected = chosen(None, problem, table).problem.known[0]
+    first = table.stamps_ns[0]
+    drifting = replace(table, stamps_ns=first + np.round(1.0008 * (table.stamps_ns - first)).astype(np.int64))
+    (turns,) = chosen(None, problem, drifting).problem.known
+    np.testing.assert_array_equal(turns.node, expected.node)
+    np.testing.assert_allclose(turns.angle, expected.angle, atol=1e-5)
+
+
 def test_a_table_is_found_though_a_hand_turns_the_device_faster():
     """The largest turns are those between mountings, and a shift of one stop makes most rates alike."""
     problem, table = case(laid="turntable", attitudes=18, turn=1.5)
