@@ -78,6 +78,9 @@ _STEADY, _WARM, _FEWEST = 0.7, 7.0, 10
 as warming up; and fewest standstills that show it. Chosen: of eight devices on one board it names all when they start
 cold; in two warm runs, two of 48 gyro axes, which do drift."""
 
+_NO_MIRROR = 0.5
+"""Of two orders with the same trace, the one that is no mirror image is named: columns that are moved in a circle."""
+
 _KNOWN = 0.1
 """Deviation of the gyros' matrix up to which it shows their axes."""
 
@@ -282,7 +285,7 @@ def _check_axes(found: StaticEstimate) -> None:
     if np.linalg.det(sensors.K_omega) < 0.0:
         raise RecordingError(LEFT_HANDED_GYROS, file=problem.imu.source)
     F = turn_between(sensors.K_omega, sensors.K_a)
-    F = max(F, -F, key=lambda order: float(np.trace(order)))
+    F = max(F, -F, key=lambda order: float(np.trace(order) + _NO_MIRROR * np.linalg.det(order)))
     wrong = disorder(F)
     if wrong is not None and not in_order(F):
         chips = "; the same holds for a chip that is turned against the other" if np.linalg.det(F) < 0.0 else ""

@@ -146,12 +146,14 @@ def test_readings_in_steps_are_not_cut_off(whole):
     ("rates", "accelerations", "said"),
     [
         (None, [[0, 1, 1], [1, 2, 1], [2, 0, 1]], "rotated by"),
+        ([[0, 1, 1], [1, 2, 1], [2, 0, 1]], None, "rotated by 120 deg"),
+        ([[0, 2, 1], [1, 0, 1], [2, 1, 1]], None, "rotated by 120 deg"),
         (None, [[0, 0, -1], [1, 1, 1], [2, 2, 1]], "left-handed triad against the gyros (-a_x lies along w_x, a_y"),
         (None, [[0, 0, 1], [1, 2, 1], [2, 1, 1]], "a_z lies along w_y, a_y lies along w_z"),
         ([[0, 0, 1], [1, 1, 1], [2, 2, -1]], None, "the gyro axes form a left-handed triad"),
         ([[0, 1, 1], [1, 0, 1], [2, 2, 1]], None, "the gyro axes form a left-handed triad"),
     ],
-    ids=["turned", "flipped", "swapped", "gyro flipped", "gyros swapped"],
+    ids=["turned", "gyros turned", "gyros turned back", "flipped", "swapped", "gyro flipped", "gyros swapped"],
 )
 def test_columns_in_disorder_are_named(whole, rates, accelerations, said):
     imu = whole.imu
