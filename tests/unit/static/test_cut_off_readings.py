@@ -100,6 +100,20 @@ def test_gyros_are_not_accepted_alone_where_turns_miss_readings(whole):
     assert not outcome.calibration.accepted
 
 
+def test_one_turn_that_no_readings_show_is_left_out(whole, from_all):
+    """Two files joined in a standstill: the attitude changes between two samples, and noise figures would hide it."""
+    imu, rests = whole.imu, find_rests(whole.imu)
+    middle = (rests.first + rests.last) // 2
+    keep = np.r_[0 : middle[10], middle[12] : len(imu.stamps_ns)]
+    part = replace(
+        imu, stamps_ns=imu.stamps_ns[: keep.size], rates=imu.rates[keep], accelerations=imu.accelerations[keep]
+    )
+    outcome = calibrate_static(check_streams(replace(whole, imu=part)))
+    assert outcome.calibration.accepted
+    assert any(kind == "turn" for kind, _ in outcome.found.left_out)
+    assert worst(outcome, from_all) < 3.0
+
+
 def silenced(recording):
     """Return a recording whose device sets rates to zero from half a second after it comes to rest."""
     rests = find_rests(recording.imu)
