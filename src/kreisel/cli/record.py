@@ -83,7 +83,7 @@ def record(
     )
     typer.echo(
         f"{output}: {status.seconds:.1f} s, {_samples(status)}{poses}; missing {missing}, repeated or late {late}; "
-        f"next: kreisel calibrate {output} -o OUT"
+        f"next: kreisel {'static' if robot is None else 'calibrate'} {output} -o OUT"
     )
     _check_settings(known, status)
 
@@ -137,7 +137,9 @@ def check_complete(status: Status, imus: Sequence[Address], robot: Address | Non
 def _check_settings(known: RecordingSettings, status: Status) -> None:
     """Print what is still missing for a calibration."""
     if known.site.latitude_deg is None and known.site.gravity is None:
-        typer.echo("without a latitude gravity is known only to 0.3 %: set it in recording.toml (--settings)", err=True)
+        typer.echo(
+            "without a latitude gravity is known only to 0.15 %: set it in recording.toml (--settings)", err=True
+        )
     missing = status.excitation.missing()
     if missing:
         typer.echo(f"for a calibration the motion lacks: {', '.join(missing)}", err=True)

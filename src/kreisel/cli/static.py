@@ -82,7 +82,7 @@ def static(
     from kreisel.batch.outcomes import REJECTED
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
-    from kreisel.cli.static_live import Guided, end_shown
+    from kreisel.cli.static_live import Guided, end_shown, recording_kept
     from kreisel.errors import SettingsError, unknown_name
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import SENSORS
@@ -107,7 +107,7 @@ def static(
     how = Guided(tuple(until), only, method, seconds, dashboard, host, port, json)
     with ExitStack() as page:
         source = recording or _guided(live, output, how, calibrate, page)
-        with end_shown(output, how) as show_end, progress_bar() as show:
+        with recording_kept(source, live), end_shown(output, how) as show_end, progress_bar() as show:
             outcome = calibrate(load(source, imu=imu, columns=columns, progress=show), progress=show)
             write_static_result(outcome, output)
             show_end(outcome)

@@ -74,6 +74,7 @@ def record_guided(address: str, output: Path, how: Guided, calibrate: Estimator,
     from kreisel.cli.record import check_complete
     from kreisel.cli.targets import targets
     from kreisel.cli.watch import check_page_installed, page_of
+    from kreisel.dashboard.guide_feed import ADVICE, ended
     from kreisel.devices.address import IMUS, parse_address
     from kreisel.static.guide import Guide
 
@@ -88,8 +89,20 @@ def record_guided(address: str, output: Path, how: Guided, calibrate: Estimator,
     )
     status = _recorded(of_imu, file, guide, how.seconds)
     check_complete(status, (of_imu,), None, Place.of(file))
-    typer.echo(f"{file}: {status.seconds:.1f} s, {status.imu.count} IMU samples", err=True)
+    typer.echo(f"{file}: {status.seconds:.1f} s, {status.imu.count} IMU samples; calibrating", err=True)
+    _replaced(output / ADVICE, ended(output / ADVICE, "Recorded. Calibrating …", ""))
     return file
+
+
+@contextmanager
+def recording_kept(file: Path, live: str | None) -> Iterator[None]:
+    """Say at an interrupt of the calibration of a device's readings what is kept, and what goes on with it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if live is not None:
+            typer.echo(f"interrupted; the recording is kept: kreisel static {file} -o OUT calibrates it", err=True)
+        raise
 
 
 @contextmanager
@@ -250,7 +263,9 @@ class _Say:
 
     def __call__(self, advice: Advice) -> None:
         _replaced(self._file, advice.document)
-        text = f"{len(advice.had):3d} standstills  {advice.text if advice.step != 'hold' else 'Hold still.'}"
+        count = len(advice.had)
+        standstills = "standstill " if count == 1 else "standstills"
+        text = f"{count:3d} {standstills}  {advice.text if advice.step != 'hold' else 'Hold still.'}"
         if advice.note:
             text += f" ({advice.note})"
         self._print(text)

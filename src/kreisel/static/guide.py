@@ -17,7 +17,7 @@ from kreisel.errors import KreiselError, RecordingError, SettingsError
 from kreisel.geometry.rotation import Array
 from kreisel.progress import Progress
 from kreisel.recording.recording import ImuSamples, Recording
-from kreisel.static.guide_plans import PLANS, SAME, Seen, angles, directions, seen
+from kreisel.static.guide_plans import CANDIDATES, FACES, FLAT, PLANS, SAME, Seen, angles, directions, seen
 from kreisel.static.rest_search import find_rests, held_still
 from kreisel.static.rests import Rests
 from kreisel.static.static_result import CLIPPED, StaticOutcome
@@ -44,6 +44,20 @@ _FROZEN = 10.0
 _SAG, _LAST = 5e-3, 3
 """rad: turn within a standstill, in the median of so many, from which on it is said. Chosen: it costs accuracy, and a
 hand that is supported turns less."""
+
+_HELD, _SWAYS, _TURNS = 5.0, 0.05, 0.3
+"""s; rad and rad/s: a device that keeps its attitude for so long within such an angle, and turns slower, is held, but
+not still. Chosen: a hand that puts it down takes less long."""
+
+_ASKEW = np.radians(40.0)
+"""Largest angle from a face up to which an attitude that is not on it was meant to be. Chosen: an edge is at 45 deg."""
+
+_WORDS = {
+    "gyroscope.cross_coupling": "the gyros' scale factors and axes", "gyroscope.offset": "the gyros' offsets",
+    "accelerometer.cross_coupling": "the accelerometers' scale factors and axes",
+    "accelerometer.offset": "the accelerometers' offsets",
+}  # fmt: skip
+"""Groups of parameters in words."""
 
 _MANY = 60
 """Further standstills from which on it is said how many an accuracy takes: as long as all before, and more."""
@@ -184,6 +198,10 @@ class Guide:
         again = len(now.had) > 1 and bool((angles(now.had[:-1], now.had[-1]) < SAME).any())
         if held >= HOLD and again and self._any_attitude:
             note = "This attitude is one that you have had."
+        elif held >= HOLD and self._plan.method in ("six-position", "ferraris"):
+            note = _askew(up) or note
+        elif held <= 0.5 and _restless(imu):
+            note = "It moves too much for a standstill: lay it down, or lean it against something."
         return Advice("turn", text, held, up, now.had, wanted, self._known(), note)
 
     def estimate(self, recording: Recording, advice: Advice, progress: Progress | None = None) -> None:
@@ -243,12 +261,11 @@ class Guide:
         for warning in self.outcome.warnings:
             if warning.subject == "turns":
                 return f"{warning.message}."
-        calibration = self.outcome.calibration
+        calibration, hidden = self.outcome.calibration, self._unobservable()
+        if hidden and (calibration.accepted or calibration.verdict.reasons[0].startswith("not observable")):
+            return f"Not shown yet: {_in_words(hidden)}."
         if not calibration.accepted:
             return calibration.verdict.reasons[0]
-        hidden = self._unobservable()
-        if hidden:
-            return f"Not shown yet: {_some(hidden)}."
         return self._forecast(self.outcome) if self._plan.enough(self._seen) else ""
 
     def _forecast(self, outcome: StaticOutcome) -> str:
@@ -326,5 +343,24 @@ def _mean(values: Array) -> Array:
     return np.asarray(directions(values.mean(axis=0)[None])[0])
 
 
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")
+def _in_words(names: Sequence[str]) -> str:
+    groups = dict.fromkeys(name.partition("[")[0] for name in names)
+    return ", ".join(_WORDS.get(group, group) for group in groups)
+
+
+def _askew(up: Array) -> str:
+    """Return what to say of a device that lies on none of its faces, though nearly."""
+    off = float(angles(CANDIDATES[:FACES], up).min())
+    return f"It lies {np.degrees(off):.0f} deg askew: lay it flat on the face." if FLAT < off < _ASKEW else ""
+
+
+def _restless(imu: ImuSamples) -> bool:
+    """Return whether the device keeps its attitude, but does not stand still."""
+    count = round(_HELD / imu.interval)
+    if len(imu.stamps_ns) < count:
+        return False
+    parts = np.array_split(imu.accelerations[-count:], 5)
+    up = directions(np.array([part.mean(axis=0) for part in parts]))
+    rates = imu.rates[-count:]
+    away = np.linalg.norm(rates - np.median(rates, axis=0), axis=1)
+    return bool(angles(up, _mean(up)).max() < _SWAYS and np.percentile(away, 95.0) < _TURNS)

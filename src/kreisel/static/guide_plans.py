@@ -15,8 +15,9 @@ from kreisel.static.rests import Rests
 APART, SAME = np.radians(20.0), np.radians(12.0)
 """Angles between attitudes that count as different, and as the same one again."""
 
-FACES = 6
-"""Of the candidates, those that come first are the faces."""
+FACES, FLAT = 6, 0.26
+"""Of the candidates, those that come first are the faces; rad, largest tilt of a standstill on one, as in
+`static_methods`."""
 
 _ROUND = 0.15
 """Share by which a whole turn by uncalibrated gyros may differ from one. Chosen: no device errs by more."""
@@ -70,7 +71,7 @@ class Seen:
     @property
     def faces(self) -> Array:
         """How often each face was up, (6,)."""
-        return np.array([np.count_nonzero(angles(self.had, face) < APART) for face in CANDIDATES[:FACES]])
+        return np.array([np.count_nonzero(angles(self.had, face) < FLAT) for face in CANDIDATES[:FACES]])
 
     @property
     def turned_round(self) -> set[int]:

@@ -285,6 +285,29 @@ def test_a_hand_that_sags_is_said_and_one_that_does_not_is_not():
     assert 8.0 < float(note.split()[4]) < 13.0
 
 
+def test_a_hand_that_is_too_restless_after_a_table_is_said():
+    session = Session()
+    laid(session, np.eye(3))
+    rng = np.random.default_rng(7)
+    session.pieces.append(session.device.turn([1.0, 1.0, 0.0]))
+    for _ in range(60):
+        session.pieces.append(session.device.rotate(rng.normal(0.0, 4e-3, 3), 0.1))
+    assert session.look().note.startswith("It moves too much for a standstill")
+    session.pieces.append(session.device.hold(HOLD))
+    assert "moves too much" not in session.look().note
+
+
+def test_a_face_that_is_laid_askew_is_said_and_asked_for_again_first():
+    session = Session(method="six-position")
+    faces = np.vstack([np.eye(3), -np.eye(3)])
+    for k, up in enumerate(faces):
+        askew = np.array([0.0, 0.4, 0.0]) if k == 3 else np.zeros(3)
+        session.pieces += [session.device.turn(up + askew), session.device.hold(HOLD + 0.6)]
+        advice = session.guide.look(session.recording())
+        assert ("deg askew" in advice.note) == (k == 3)
+    np.testing.assert_array_equal(advice.wanted, [-1.0, 0.0, 0.0])
+
+
 def test_two_faces_in_turn_are_never_enough():
     session = Session()
     laid(session, 11 * [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
