@@ -187,6 +187,23 @@ def test_samples_lost_without_a_gap_are_said_and_widen_the_gyro_scale():
     assert lost_share(whole.imu, find_rests(whole.imu)) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("width", [2.0, 2.5, 3.0])
+def test_a_hand_that_jerks_loses_no_samples(width):
+    """Rates that rise and fall within some samples: the step in the middle is larger than those beside it."""
+    rng, count = np.random.default_rng(9), 20_000
+    t = np.arange(count)
+    rates = rng.normal(0.0, 3e-3, (count, 3))
+    for at in rng.uniform(100.0, count - 100.0, 300):
+        rates += np.exp(-0.5 * ((t - at) / width) ** 2)[:, None] * rng.normal(0.0, 2.0, 3)
+    _, recording = hand_turned(HandTurns(), np.random.default_rng(5))
+    imu = replace(
+        recording.imu, stamps_ns=t * 10_000_000, rates=rates, accelerations=np.zeros((count, 3)), temperature=None
+    )
+    rests = replace(find_rests(recording.imu), density_w=np.full(3, 3e-4))
+    assert lost_share(imu, rests)[0] == 0.0
+    assert lost_share(imu, rests, 1e-3)[1] <= 4e-4
+
+
 def test_samples_that_are_missing_with_their_stamps_widen_nothing():
     truth, recording = hand_turned(HandTurns(), np.random.default_rng(5))
     imu, kept = recording.imu, np.random.default_rng(1).random(recording.imu.stamps_ns.size) > 0.08

@@ -202,7 +202,7 @@ def concluded(
     if chosen.counts is None:  # the sign of a count is a part of what is found
         _check_axes(found)
     rests = found.problem.rests
-    least, most = lost_share(found.problem.imu, rests)
+    least, most = lost_share(found.problem.imu, rests, found.noise.turn)
     walked = _walked(found)
     own = found.problem.reported
     turning, vertical = common_turn(rests), vertical_turn(found)
