@@ -36,6 +36,9 @@ _TURNED, _STILL = 0.02, 2e-3
 """rad: least turn of a table that is used, and most that it may move at a standstill. Chosen: below the first its
 encoder and its bearing count too much; the second is beyond the noise of any encoder."""
 
+_MOVED = 2e-4
+"""rad; how far a table may seem to move at standstills, by its encoder's steps, and not by a wrong clock. Chosen."""
+
 _RATE_SCALE = 1e-3
 """Deviation of the scale of a table's rates. Chosen: of usual rate tables; an encoder's angles close after a turn."""
 
@@ -229,10 +232,15 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
 
     Notes
     -----
-    Of the clocks that are possible that one is taken with which most turns of the table agree with the gyros.
+    Of the clocks that are possible that one is taken with which most turns of the table agree with the gyros, and with
+    which the table does not move where the device stands still; of those that are alike, the first.
     """
-    found = [_agreeing(problem, table, seconds, ratio) for seconds, ratio in _clocks(problem.imu, table)]
-    best = max((one for one in found if one is not None), key=lambda one: one.share * one.node.size, default=None)
+    clocks = (_agreeing(problem, table, seconds, ratio) for seconds, ratio in _clocks(problem.imu, table))
+    found = [one for one in clocks if one is not None]
+    most = max((one.share * one.node.size for one in found), default=0.0)
+    found = [one for one in found if one.share * one.node.size == most]
+    least = min((one.moved for one in found), default=0.0)
+    best = next((one for one in found if one.moved <= 2.0 * least + _MOVED), None)
     if best is None:
         raise RecordingError(
             "the turntable never stands still long enough: let it rest for two seconds between two rates, or angles",
@@ -278,8 +286,8 @@ def _reversed(angle: Array) -> Array:
 class _Agreement:
     """Standstills by a clock of the table, its angles between them (M - 1,), and its turns that the gyros confirm.
 
-    `way`: integrals of the rates (M - 1, 3); `share`: of the turns, those that are confirmed; `ratio`: of the table's
-    seconds to the IMU's.
+    `way`: integrals of the rates (M - 1, 3); `share`: of the turns, those that are confirmed; `moved`: by how much the
+    table moves from beginning to end of a standstill, rad, on average; `ratio`: of its seconds to the IMU's.
     """
 
     problem: RestProblem
@@ -288,6 +296,7 @@ class _Agreement:
     way: Array
     node: Indices
     share: float
+    moved: float
     ratio: float
 
 
@@ -312,7 +321,9 @@ def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array, ratio: f
     turned = np.abs(angle) > _TURNED
     agrees = turned & (np.abs(np.linalg.norm(way, axis=1) - np.abs(angle)) < _SAME * np.abs(angle))
     share = float(np.count_nonzero(agrees)) / max(float(np.count_nonzero(turned)), 1.0)
-    return _Agreement(problem, start, angle, way, np.flatnonzero(agrees), share, ratio)
+    edges = (np.interp(seconds[at], table.seconds, table.angles)[still] for at in (rests.first, rests.last - 1))
+    moved = float(np.mean(np.abs(np.subtract(*edges))))
+    return _Agreement(problem, start, angle, way, np.flatnonzero(agrees), share, moved, ratio)
 
 
 def _clocks(imu: ImuSamples, table: TableAngles) -> list[tuple[Array, float]]:
