@@ -63,7 +63,7 @@ class VerticalTurn:
 def vertical_turn(found: StaticEstimate) -> VerticalTurn | None:
     """Return a rotation about the vertical that the gyros' response to gravity hides; None where there is none."""
     layout = found.problem.layout
-    if _MIMICS not in layout:
+    if _MIMICS not in layout or not np.ptp(found.problem.imu.rates, axis=0).all():  # a gyro that is dead sees nothing
         return None
     d = layout[_MIMICS]
     value = found.problem.values(found.parameters)[d]
