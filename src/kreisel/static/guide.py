@@ -42,8 +42,8 @@ _FROZEN = 10.0
 """Seconds for which all readings must be the same until that is said. Chosen: those of few digits may be, at rest."""
 
 _SAG, _LAST = 5e-3, 3
-"""rad: turn within a standstill, in the median of so many, from which on it is said. Chosen: it costs accuracy, and a
-hand that is supported turns less."""
+"""rad: median turn within the last standstills, and their number, from which on it is said. Chosen: it costs accuracy,
+and a hand that is supported turns less."""
 
 _HELD, _SWAYS, _TURNS = 5.0, 0.05, 0.3
 """s; rad and rad/s: a device that keeps its attitude for so long within such an angle, and turns slower, is held, but

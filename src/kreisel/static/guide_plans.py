@@ -155,7 +155,7 @@ PLANS = {
     None: Plan(None, 18, 12), "multi-position": Plan("multi-position", 18, 12),
     "six-position": Plan("six-position", 12, 6), "ferraris": Plan("ferraris", 12, 6), "hinge": Plan("hinge", 18, 3),
 }  # fmt: skip
-"""Plans by the stated method. Chosen: simulated devices are accepted after so many standstills."""
+"""Plans by the stated method. Chosen: with these numbers simulated devices are accepted."""
 
 
 def _about_the_hinge(axes: Array) -> str:

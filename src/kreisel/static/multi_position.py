@@ -32,8 +32,8 @@ _MISFIT, _ODDS, _NOTHING = 3.5, 3.0, 1e4
 variance with which a row says nothing, over its own."""
 
 _LARGE_FORCE, _LARGE_TURN, _SOME, _TRIED = 0.05, 0.01, 1.3, 6
-"""m/s^2 and sqrt(s): noise figures from which on a single row may have made them so large; then so many rows, from so
-many deviations on, are left out by turns, and the evidence says of which it was. Chosen: usual ones are a tenth."""
+"""m/s^2 and sqrt(s): noise figures from which on a single row may have made them large. Deviations from which on rows
+are then left out by turns, and their largest number; the evidence decides. Chosen: usual figures are a tenth."""
 
 _NOTHING_FITS = (
     "the readings do not fit standstills and turns: are rates and accelerations of one device, in rad/s and m/s^2?"

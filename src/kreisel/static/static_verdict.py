@@ -85,7 +85,7 @@ def judge_static(
         s: "accepted" if not own else "not_observable" if own == [hidden.get(s)] else "rejected"
         for s, own in reasons.items()
     }
-    against = [r for s in asked for r in reasons[s]]
+    against = dict.fromkeys(r for s in asked for r in reasons[s])  # one may be a reason against both
     unasked = [r for s in SENSORS if s not in asked for r in reasons[s]]
     return Verdict(not against, tuple(against), tuple(n for n, _ in weak), sensors=states, unasked=tuple(unasked))
 

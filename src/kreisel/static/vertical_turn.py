@@ -27,7 +27,7 @@ class VerticalTurn:
 
     Attributes
     ----------
-    rate, deviation
+    rate
         rad/s, upwards.
     stated_deg, found_deg, latitude_sd_deg
         Stated latitude, and that by which it would be the Earth's with its deviation; None if it is no part of the
@@ -35,7 +35,6 @@ class VerticalTurn:
     """
 
     rate: float
-    deviation: float
     stated_deg: float | None = None
     found_deg: float | None = None
     latitude_sd_deg: float | None = None
@@ -78,15 +77,15 @@ def vertical_turn(found: StaticEstimate) -> VerticalTurn | None:
     if abs(rate) < _CLEAR * deviation or same_in_all_axes(value, P, prior) < _SURE:
         return None
     if found.problem.site.earth_rate_n is None:
-        return VerticalTurn(rate, deviation)
+        return VerticalTurn(rate)
     stated = -float(found.problem.site.earth_rate_n[2]) / EARTH_RATE
     sine, sd = stated + rate / EARTH_RATE, deviation / EARTH_RATE
     if sd > SEEN or abs(sine) > 1.0 + _REACH * sd:
-        return VerticalTurn(rate, deviation)
+        return VerticalTurn(rate)
     latitude = float(np.arcsin(np.clip(sine, -1.0, 1.0)))
     uncertain = sd / max(float(np.cos(latitude)), np.sqrt(sd))
     return VerticalTurn(
-        rate, deviation, float(np.degrees(np.arcsin(stated))), float(np.degrees(latitude)), float(np.degrees(uncertain))
+        rate, float(np.degrees(np.arcsin(stated))), float(np.degrees(latitude)), float(np.degrees(uncertain))
     )
 
 
