@@ -67,9 +67,12 @@ def linear_columns(problem: Problem, linear: Linearised, frame_sd: tuple[float, 
     about = linear.about(terms)
     values, vectors = np.linalg.eigh(np.eye(count) + 0.5 * (about.information + about.information.T))
     root = (vectors / np.sqrt(values)) @ vectors.T
+    score = about.score.copy()
+    if fields[:, :3, 0].any():
+        score[0] += deviations[0] * linear.fit.history.pull_of_unit
     effect, mean = np.zeros((degrees, count)), np.zeros((degrees, 1))
     effect[: len(about.change)] = about.change @ root
-    mean[: len(about.change), 0] = about.change @ (root @ (root @ about.score))
+    mean[: len(about.change), 0] = about.change @ (root @ (root @ score))
     return effect, mean
 
 

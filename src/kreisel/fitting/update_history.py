@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from kreisel.geometry.rotation import Array, Mask
+
+_IN_LENGTHS = np.array([0, 1, 2, 6, 7, 8])
+"""Rows of innovations that are lengths, or lengths per second."""
 
 
 @dataclass(frozen=True)
@@ -60,3 +65,11 @@ class History:
     correction: Array
     correction_variance: Array
     turn_information: Array
+
+    @property
+    def pull_of_unit(self) -> float:
+        """By how much noise raises the score of motion that is shorter than reported, relative to its length.
+
+        By equation (41) of docs/explanation/model.md.
+        """
+        return float(np.nansum(self.whitened[self.used][:, _IN_LENGTHS] ** 2))

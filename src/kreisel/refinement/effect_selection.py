@@ -17,7 +17,7 @@ import numpy as np
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import mean_normalised
 from kreisel.fitting.fit import Estimator, Fit, Linearised
-from kreisel.fitting.result_change import result_moved
+from kreisel.fitting.result_change import SCALE, result_moved, with_unit_of_data
 from kreisel.fitting.stored_state import parameters_of, stored_state
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE, RawReadings
@@ -345,6 +345,7 @@ def survey(
         problem, near, groups, whole.change @ combined, combined.T @ whole.information @ combined,
         combined.T @ whole.score, usual, 1.0,
     )  # fmt: skip
+    found.score[found.places((SCALE,))] -= linear.fit.history.pull_of_unit
     value, _ = found.alone(groups)
     added = whole.innovations @ (combined @ value).astype(np.float32)
     whitened = linear.fit.history.whitened - added
@@ -368,7 +369,7 @@ def _relinearised(found: Survey, estimator: Estimator, progress: StepProgress | 
     P[np.ix_(new, new)] = near.belief.covariance[np.ix_(old, old)]
     T = _kept_mean(larger, groups)
     begun = replace(near, belief=Belief(stored_state(larger, parameters), _factor(T @ P @ T.T)), parameters=parameters)
-    run = estimator.refit(larger, begun, gate=_GATE, progress=progress)
+    run = with_unit_of_data(larger, estimator.refit(larger, begun, gate=_GATE, progress=progress))
     own = _places(larger, groups)
     others, P = np.setdiff1d(np.arange(len(larger.parameter_names)), own), run.belief.covariance
     scale = np.sqrt(np.diag(P)[own])

@@ -14,6 +14,7 @@ from kreisel.estimation.uncertainty import Contribution, scaling
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import WIDE_GATE, Estimator, Fit, Linearised
 from kreisel.fitting.nonlinearity import curved
+from kreisel.fitting.result_change import with_unit_of_data
 from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
 from kreisel.model.considered_terms import Considered, describe
@@ -184,6 +185,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     passes = _with_coloured_noise(passes, work)
     factor = correlation_factor(passes.run)
     warnings: list[DataWarning] = []
+    passes = replace(passes, run=with_unit_of_data(passes.problem, passes.run))
     passes, attenuation = _without_attenuation(passes, work)
     warnings += discrepancy.warnings
     if adapted:
