@@ -278,7 +278,7 @@ def _site(cell: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
     c, s = np.cos(heading), np.sin(heading)
     C_rn = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
     q_rn = multiply(from_matrix(C_rn), exp(cell.site.tilt_sd * rng.normal(size=3)))
-    down = np.array([0.0, 0.0, normal_gravity(latitude, cell.site.height_m)])
+    down = np.array([0.0, 0.0, normal_gravity(latitude, cell.site.height_m) + cell.site.gravity_anomaly])
     return apply(q_rn, down), apply(q_rn, earth_rate_n(latitude))
 
 

@@ -198,6 +198,7 @@ class Site(_Table):
 
     latitude_deg: float = _key(49.2571, "by default Saarbruecken, where the paper was written", ge=-90.0, le=90.0)
     height_m: float = _key(200.0, "above the ellipsoid", ge=-500.0, le=9000.0)
+    gravity_anomaly: float = _key(0.0, "m/s^2: gravity above its normal value there", ge=-0.01, le=0.01)
     heading_deg: float = _key(30.0, "the base's x axis, from north to east", ge=-360.0, le=360.0)
     tilt_sd: float = _key(2e-3, "rad: tilt of the base", ge=0.0, le=0.5)
 

@@ -41,6 +41,13 @@ _ACCURACIES = (1e-4, 1e-3)
 """m and rad; placement of the joints of arms, from one that was measured to one that was not: an IRB 1600 as delivered
 is 0.65 mm and 2.8 mrad off at its tool (Slamani, Nubiola and Bonev 2012), to which every joint contributes."""
 
+_LATITUDES, _HEIGHT, _ANOMALY = (-40.0, 65.0), 280.0, 3e-4
+"""deg, m and m/s^2; where most people live, the mean height (half of them below 194 m; Cohen and Small 1998), and the
+deviation of gravity from its normal value."""
+
+_VOLUME = 1000.0
+"""ppm; deviation of the scale of cameras' positions: wands are measured to some tenths of a millimetre."""
+
 _FACTORS = (0.1, 0.3, 3.0, 10.0)
 """On what is stated."""
 
@@ -113,7 +120,8 @@ def situations(seconds: float = 150.0) -> tuple[Situation, ...]:
 def random_situation(number: int, seconds: float = 150.0) -> Situation:
     """Return a situation with one to five errors that are on no list, of a device, a cell and a motion drawn for it.
 
-    The accuracy of an arm is drawn too. Who records joint angles states it; who records poses alone does not.
+    The accuracy of an arm is drawn too. Who records joint angles states it; who records poses alone does not. So are
+    the place on Earth with its gravity, and the scale of a volume of cameras.
     """
     rng = np.random.default_rng([_RANDOM, number])
     basis = str(rng.choice(_ALL))
@@ -131,6 +139,13 @@ def random_situation(number: int, seconds: float = 150.0) -> Situation:
     if basis in _ROBOTS:
         accuracy = float(np.exp(rng.uniform(*np.log(_ACCURACIES))))
         change["errors"] = {"geometry_length_sd": accuracy, "geometry_angle_sd": accuracy}
+    change["site"] = {
+        "latitude_deg": float(rng.uniform(*_LATITUDES)),
+        "height_m": float(min(rng.exponential(_HEIGHT), 5000.0)),
+        "gravity_anomaly": _ANOMALY * float(rng.normal()),
+    }
+    if basis == "mocap":
+        change["reference"] = {"position_scale_ppm": _VOLUME * float(rng.normal())}
     words = ", ".join(f"{count} of {kind}" for kind, count in counts.items())
     return Situation(RANDOM, str(number), basis, f"random functions: {words}", _cell(basis, seconds, change), ())
 
