@@ -52,6 +52,9 @@ class Windows:
         low = max(tau[0] + half, float(clock.reference_time(signal.stamps[1])) + half)
         high = min(tau[-1] - half, float(clock.reference_time(signal.stamps[-2])) - half)
         middle = np.arange(low, high, 0.4 * half)
+        if half > shortest:  # between poses far apart, positions on straight lines have less curvature than the motion
+            middle = np.unique(tau[_nearest(tau, middle)])
+            middle = middle[(middle >= low) & (middle <= high)]
         middle = middle[_without_gaps(signal, clock, tau, middle, half)]
         at = (middle - half, middle, middle + half)
         t = tuple(clock.imu_time(s) for s in at)
@@ -88,6 +91,12 @@ class Windows:
         integral[order] = ordered
         a, b, c = np.split(integral, 3)
         return np.asarray((a - 2.0 * b + c) / self.half**2)
+
+
+def _nearest(stamps: Array, moments: Array) -> Indices:
+    """Return the places of the stamps that are nearest to moments."""
+    after = np.clip(np.searchsorted(stamps, moments), 1, stamps.size - 1)
+    return np.asarray(after - (moments - stamps[after - 1] < stamps[after] - moments))
 
 
 def _without_gaps(signal: InertialSignal, clock: Clock, tau: Array, middle: Array, half: float) -> Mask:

@@ -115,6 +115,15 @@ def test_positions_and_accelerations_say_the_same():
     np.testing.assert_allclose(shown, smoothed * predicted, atol=quadrature_error(HALF_WINDOW, POSE_STEP, OMEGA**2))
 
 
+@pytest.mark.parametrize("step", [0.1, 0.2, 0.4])
+def test_poses_far_apart_have_the_curvature_of_the_motion(step):
+    """Between them it would be that of straight lines: up to a third less."""
+    w = windows_of(seconds=30.0, step=step)
+    found = w.second_difference(np.sin(OMEGA * w.reference)[:, None])[:, 0]
+    want = -(OMEGA**2) * triangular_mean_of_sine(w.tau[1], w.half)
+    np.testing.assert_allclose(found, want, atol=1e-9 * OMEGA**2)
+
+
 def test_means_hand_moments_over_in_the_order_of_time():
     w = windows_of()
     seen = []
