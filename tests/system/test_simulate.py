@@ -62,7 +62,7 @@ def test_the_example_has_every_key():
         ),
         (
             "[site]\nlatitude = 4\n",
-            "unknown key 'site.latitude'; known are: heading_deg, height_m, latitude_deg, tilt_sd",
+            "unknown key 'site.latitude'; known are: gravity_anomaly, heading_deg, height_m, latitude_deg, tilt_sd",
         ),
         ("errors = 5\n", "'errors' must be a table: write [errors]"),
         ("seconds = 5\n", "seconds = 5 is not accepted: Input should be greater than or equal to 10"),

@@ -14,11 +14,13 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
+from kreisel.inertial.vibration import SLOW, missed_by_sampling, most_missed
 from kreisel.model.parameters import DELAYS, SMOOTHINGS, walk_of
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.gravity import ANOMALY_SD
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.estimate import Estimate
+from kreisel.units import DEG_PER_HOUR, MG
 
 _TERMS = {
     **dict.fromkeys(DELAYS, 0.01),
@@ -75,11 +77,43 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         longer = problem.columns("gyro_cross_coupling", noise.time_base_sd * K_omega.ravel())
         column = along(layout.degrees, layout["gyro_cross_coupling"], longer)
         out.append(Contribution("whose seconds are true", Source.CLOCKS, column))
+    of_vibration, vibrating = _vibration(found)
+    out += of_vibration
+    warnings += vibrating
     factor = series_factor(found)
     if factor > 1.0:
         out.append(scaling("delay and smoothing as series", Source.MISFIT, found.as_noisy, factor))
         warnings.append(DataWarning("effects", f"{_SERIES} deviations by noise were multiplied by {factor:.2f}"))
     return found.adding(out, (*warnings, *_gravity_warning(problem, run)))
+
+
+def _vibration(found: Estimate) -> tuple[list[Contribution], list[DataWarning]]:
+    """Return what vibration between the samples may do to the offsets, and the warning about it.
+
+    It is not taken from the offsets: a device whose samples are means over their intervals vibrates more than they do.
+    """
+    problem, readings = found.problem, found.problem.sensor.readings
+    groups = [group for group in ("gyro_offset", "accel_offset") if group in problem.layout]
+    interval = float(np.median(np.diff(readings.stamps)))
+    sensors = (readings.rates, readings.accelerations)
+    small = {g: _SMALL * found.belief.standard_deviation[problem.layout[g]] for g in groups}
+    most = dict(zip(("gyro_offset", "accel_offset"), most_missed(interval, *sensors), strict=True))
+    if all(most[g] <= small[g].min(initial=np.inf) for g in groups):
+        return [], []
+    missed = dict(zip(("gyro_offset", "accel_offset"), missed_by_sampling(interval, *sensors), strict=True))
+    shown = {g: problem.columns(g, np.abs(missed[g])) for g in groups}
+    if not any(np.any(shown[g] > small[g]) for g in groups):
+        return [], []
+    degrees, layout = problem.layout.degrees, problem.layout
+    columns = np.hstack([each(degrees, layout[g], shown[g]) for g in groups])
+    of_rate, of_force = (float(np.linalg.norm(values)) for values in missed.values())
+    message = (
+        f"the IMU vibrates faster than {SLOW / interval:.3g} Hz, a tenth of its rate, and what this does to the mean "
+        "rate and acceleration (coning and sculling) is only partly in its samples. Deviations of the offsets contain "
+        f"up to {of_rate / DEG_PER_HOUR:.2g} deg/h and {of_force / MG:.2g} mg: "
+        "record faster, or damp the mount"
+    )
+    return [Contribution("vibration between samples", Source.SENSOR, columns)], [DataWarning("vibration", message)]
 
 
 def with_walked_deviations(found: Estimate, path_near: Callable[[Problem, Fit], Array]) -> Estimate:
