@@ -14,6 +14,7 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
+from kreisel.inertial.slopes import usual_interval
 from kreisel.inertial.vibration import SLOW, missed_by_sampling, most_missed
 from kreisel.model.parameters import DELAYS, SMOOTHINGS, walk_of
 from kreisel.model.problem import Problem, walked_variance
@@ -30,6 +31,8 @@ _TERMS = {
 
 _SMALL = 0.3
 """Size, over that of `_TERMS`, up to which nothing is added: deviations would grow by 4 %, the root of 1 + 0.3^2."""
+
+_OFFSETS = ("gyro_offset", "accel_offset")
 
 _SERIES = "delay or smoothing are large for a model that is the first terms of a series;"
 
@@ -92,23 +95,21 @@ def _vibration(found: Estimate) -> tuple[list[Contribution], list[DataWarning]]:
 
     It is not taken from the offsets: a device whose samples are means over their intervals vibrates more than they do.
     """
-    problem, readings = found.problem, found.problem.sensor.readings
-    groups = [group for group in ("gyro_offset", "accel_offset") if group in problem.layout]
-    interval = float(np.median(np.diff(readings.stamps)))
-    sensors = (readings.rates, readings.accelerations)
-    small = {g: _SMALL * found.belief.standard_deviation[problem.layout[g]] for g in groups}
-    most = dict(zip(("gyro_offset", "accel_offset"), most_missed(interval, *sensors), strict=True))
+    problem, layout, readings = found.problem, found.problem.layout, found.problem.sensor.readings
+    groups = [group for group in _OFFSETS if group in layout]
+    small = {g: _SMALL * found.belief.standard_deviation[layout[g]] for g in groups}
+    sampled = usual_interval(readings.stamps), readings.rates, readings.accelerations
+    most = dict(zip(_OFFSETS, most_missed(*sampled), strict=True))
     if all(most[g] <= small[g].min(initial=np.inf) for g in groups):
         return [], []
-    missed = dict(zip(("gyro_offset", "accel_offset"), missed_by_sampling(interval, *sensors), strict=True))
+    missed = dict(zip(_OFFSETS, missed_by_sampling(*sampled), strict=True))
     shown = {g: problem.columns(g, np.abs(missed[g])) for g in groups}
     if not any(np.any(shown[g] > small[g]) for g in groups):
         return [], []
-    degrees, layout = problem.layout.degrees, problem.layout
-    columns = np.hstack([each(degrees, layout[g], shown[g]) for g in groups])
+    columns = np.hstack([each(layout.degrees, layout[g], shown[g]) for g in groups])
     of_rate, of_force = (float(np.linalg.norm(values)) for values in missed.values())
     message = (
-        f"the IMU vibrates faster than {SLOW / interval:.3g} Hz, a tenth of its rate, and what this does to the mean "
+        f"the IMU vibrates faster than {SLOW / sampled[0]:.3g} Hz, a tenth of its rate, and what this does to the mean "
         "rate and acceleration (coning and sculling) is only partly in its samples. Deviations of the offsets contain "
         f"up to {of_rate / DEG_PER_HOUR:.2g} deg/h and {of_force / MG:.2g} mg: "
         "record faster, or damp the mount"

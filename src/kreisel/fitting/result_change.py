@@ -12,9 +12,6 @@ from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
 from kreisel.model.problem import Problem
 
-SCALE = "position_scale"
-"""The group of parameters that is a unit of length."""
-
 
 def regression_on_parameters(belief: Belief, n: int) -> Array:
     """Return how the state follows from its first n degrees of freedom, the parameters, (degrees, n)."""
@@ -51,7 +48,7 @@ def with_unit_of_data(problem: Problem, run: Fit) -> Fit:
     pulls at the unit by its share of the misfit, by equation (41). In 40 minutes of good cameras this is a scale factor
     of half a per cent.
     """
-    if SCALE not in problem.layout:
+    if "position_scale" not in problem.layout:
         return run
-    n, place = len(problem.parameter_names), problem.layout[SCALE].start
+    n, place = len(problem.parameter_names), problem.layout["position_scale"].start
     return result_moved(problem, run, -run.history.pull_of_unit * run.belief.covariance[:n, place])

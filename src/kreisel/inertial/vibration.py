@@ -31,7 +31,10 @@ _EDGE = 64
 
 
 def most_missed(interval: float, rates: Array, accelerations: Array) -> tuple[float, float]:
-    """Return upper bounds of what `missed_by_sampling` can find, rad/s and m/s^2, by second differences alone."""
+    """Return upper bounds of what `missed_by_sampling` can find, rad/s and m/s^2, by second differences alone.
+
+    Both are products of three axes, and of angles no larger than the slowest vibration has.
+    """
     step = max(1, len(rates) // _ENOUGH)
     rate, force = (
         float(np.mean((x[:-2:step] - 2.0 * x[1:-1:step] + x[2::step]) ** 2)) ** 0.5

@@ -17,7 +17,7 @@ import numpy as np
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.consistency import mean_normalised
 from kreisel.fitting.fit import Estimator, Fit, Linearised
-from kreisel.fitting.result_change import SCALE, result_moved, with_unit_of_data
+from kreisel.fitting.result_change import result_moved, with_unit_of_data
 from kreisel.fitting.stored_state import parameters_of, stored_state
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.effects import EFFECTS, OF_TEMPERATURE, RawReadings
@@ -345,7 +345,7 @@ def survey(
         problem, near, groups, whole.change @ combined, combined.T @ whole.information @ combined,
         combined.T @ whole.score, usual, 1.0,
     )  # fmt: skip
-    found.score[found.places((SCALE,))] -= linear.fit.history.pull_of_unit
+    found.score[found.places(("position_scale",))] -= linear.fit.history.pull_of_unit
     value, _ = found.alone(groups)
     added = whole.innovations @ (combined @ value).astype(np.float32)
     whitened = linear.fit.history.whitened - added

@@ -8,7 +8,6 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.linear_errors import LINEAR_ERRORS
-from kreisel.fitting.result_change import SCALE
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.recording.recording_settings import RecordingSettings
 from kreisel.simulation.cell import simulate
@@ -39,7 +38,7 @@ def scales_by(outcome, cause):
 def test_exact_cameras_show_no_scale_by_their_noise():
     outcome = cameras_without_a_place(150.0)
     assert outcome.verdict.accepted
-    assert SCALE not in outcome.problem.layout
+    assert "position_scale" not in outcome.problem.layout
     assert scales_by(outcome, f"{LINEAR_ERRORS} that show").max() < 2e-4
     # a scale of 0.1 % beside what gravity says of it
     want = 1e-3 / np.hypot(1.0, 1e-3 / PRIOR_BY_GRAVITY)
@@ -65,5 +64,5 @@ def test_the_scale_of_positions_is_what_gravity_says(ppm):
 def test_forty_minutes_of_exact_cameras_are_accepted():
     outcome = cameras_without_a_place(2400.0)
     assert outcome.verdict.accepted
-    assert SCALE not in outcome.problem.layout
+    assert "position_scale" not in outcome.problem.layout
     assert scales_by(outcome, f"{LINEAR_ERRORS} that show").max() < 2e-4
