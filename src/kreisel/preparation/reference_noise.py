@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from kreisel.geometry.rotation import Array, conjugate, log, multiply
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
 from kreisel.recording.recording import ReferencePoses
@@ -20,12 +21,30 @@ _DEFAULTS = {
 Chosen: an arm is wrong by 1 mm and repeats a pose to 0.1 mm (docs/explanation/robot-errors.md); cameras are as good at
 standstill as in motion; the passes correct them by the data."""
 
+_MUCH = 3.0
+"""White noise over the default from which it replaces that. Chosen: the passes correct less, and what a robot's path
+has of corners between its poses may look like noise of twice the default."""
+
+_WINDOWS, _TAPS = 20_000, 6
+"""Largest number of windows that show white noise, spread evenly over the poses, and poses in each."""
+
+_FEWEST = 100
+"""Windows from which on they show it."""
+
+_GAP, _BURST = 1.6, 0.5
+"""Mean and shortest step of a window, in median steps, within which its poses count as evenly spread."""
+
+_NORMAL = 1.4826
+"""Standard deviation of normal numbers over the median of their sizes."""
+
 
 def assumed_noise(table: ReferenceTable, kind: str, reference: ReferencePoses) -> ReferenceNoise:
-    """Return the noise that the settings state, with defaults for the kind of reference where they state none."""
+    """Return the noise that the settings state; else what the poses show, or a default for the kind of reference."""
     defaults = _DEFAULTS[kind]
-    position = table.position_sd or defaults[0]
-    orientation = table.orientation_sd or defaults[1]
+    pairs = zip(white_noise(reference), defaults[:2], strict=True)
+    shown = [noise if noise > _MUCH * usual else usual for noise, usual in pairs]
+    position = table.position_sd or shown[0]
+    orientation = table.orientation_sd or shown[1]
     still_position = table.standstill_position_sd or min(position, defaults[2])
     still_orientation = table.standstill_orientation_sd or min(orientation, defaults[3])
     return ReferenceNoise(
@@ -38,6 +57,56 @@ def assumed_noise(table: ReferenceTable, kind: str, reference: ReferencePoses) -
         velocity=still_position,
         stamp=stamp_resolution(reference) / np.sqrt(12.0),
     )
+
+
+def white_noise(reference: ReferencePoses) -> tuple[float, float]:
+    """Return the deviations of white noise of positions, m, and orientations, rad; 0 where there are none.
+
+    Notes
+    -----
+    Each pose differs from the cubic through two before and two behind it by its own noise and theirs. Differences of
+    neighbours have a negative correlation by noise, and a positive one by motion that is slower than a quarter of the
+    rate of poses: half the difference of the variances of their difference and sum is the noise alone. Medians, so that
+    corners of a path do not count.
+    """
+    t, count = reference.seconds, reference.seconds.size
+    if count < _FEWEST:
+        return 0.0, 0.0
+    first = np.unique(np.linspace(0, count - _TAPS, _WINDOWS).astype(np.int64))
+    poses = first[:, None] + np.arange(_TAPS)
+    steps, usual = np.diff(t[poses], axis=1), reference.interval
+    even = (steps.mean(axis=1) < _GAP * usual) & (steps.min(axis=1) > _BURST * usual)
+    poses = poses[even]
+    if len(poses) < _FEWEST:
+        return 0.0, 0.0
+    weights = [_from_cubic(t[part]) for part in (poses[:, :-1], poses[:, 1:])]
+    shared = -np.sum(weights[0][:, 1:] * weights[1][:, :-1], axis=1)
+
+    def noise_of(values: Array) -> float:
+        before, behind = (
+            np.einsum("nj,njd->nd", weight, part) / np.sqrt(shared)[:, None]
+            for weight, part in zip(weights, (values[:, :-1], values[:, 1:]), strict=True)
+        )
+        spread = [(_NORMAL * float(np.median(np.abs(part)))) ** 2 for part in (before - behind, before + behind)]
+        return max(0.25 * (spread[0] - spread[1]), 0.0) ** 0.5
+
+    p, q = reference.positions, reference.quaternions
+    turned = None if q is None else log(multiply(conjugate(q[poses[:, 2]])[:, None], q[poses]).reshape(-1, 4))
+    return (
+        0.0 if p is None else noise_of(p[poses]),
+        0.0 if turned is None else noise_of(turned.reshape(-1, _TAPS, 3)),
+    )
+
+
+def _from_cubic(t: Array) -> Array:
+    """Return weights (n, 5) of values at times t (n, 5): the middle one's difference from the cubic of the others."""
+    others, weights = (0, 1, 3, 4), np.ones(t.shape)
+    for j in others:
+        for i in others:
+            if i != j:
+                weights[:, j] *= (t[:, 2] - t[:, i]) / (t[:, j] - t[:, i])
+    weights[:, others] *= -1.0
+    return weights
 
 
 def stamp_resolution(reference: ReferencePoses) -> float:

@@ -12,6 +12,7 @@ from kreisel.inertial.readings import attitudes_at
 from kreisel.inertial.strapdown import rate_coefficients
 from kreisel.model.problem import Problem
 from kreisel.model.schedule import MIN_UPDATES
+from kreisel.preparation.reference_noise import with_measured_jitter
 from kreisel.preparation.scheduling import schedule_updates
 from kreisel.preparation.standstill_search import find_standstills
 from kreisel.synchronization.clock import Clock
@@ -27,13 +28,15 @@ def assigns_otherwise(problem: Problem, clock: Clock) -> bool:
 
 
 def rescheduled(problem: Problem, clock: Clock) -> Problem:
-    """Return the problem with updates and standstills by other clocks, if these differ by more than half a sample."""
+    """Return the problem with updates, standstills and their scatter by other clocks, if half a sample lies between."""
     if problem.reference.quaternions is None or not assigns_otherwise(problem, clock):
         return problem
     schedule, tau = problem.schedule, problem.reference.seconds
-    standstills = schedule.standstills
+    standstills, noise = schedule.standstills, problem.noise
     if schedule.stillness is not None:
-        standstills = find_standstills(schedule.stillness, problem.reference, clock, problem.noise.reference)
+        standstills = find_standstills(schedule.stillness, problem.reference, clock, noise.reference)
+        scatter = with_measured_jitter(noise.reference, problem.reference, standstills, clock)
+        noise = replace(noise, reference=scatter)
     updates = schedule_updates(
         problem.sensor.readings, clock.imu_time(tau), problem.reference, standstills, schedule.interval
     )
@@ -41,7 +44,7 @@ def rescheduled(problem: Problem, clock: Clock) -> Problem:
         return problem
     attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(updates), 1))
     schedule = replace(schedule, clock=clock, standstills=standstills, updates=updates, attitude=attitude)
-    return replace(problem, schedule=schedule)
+    return replace(problem, schedule=schedule, noise=noise)
 
 
 def with_attitudes_of(problem: Problem, run: Fit) -> Problem:

@@ -54,6 +54,8 @@ def check_conventions(readings: Readings, reference: ReferencePoses, clock: Cloc
     check_overlap(readings, reference, clock)
     q, tau = reference.quaternions, reference.seconds
     usual = explained_share(readings, tau, q, clock)
+    if usual < EXPLAINED:
+        usual = max(usual, explained_share(readings, tau, q, clock, longer=True))
     if usual >= EXPLAINED:
         return
     shares = {name: explained_share(readings, tau, read(q), clock) for name, read in _READINGS.items()}

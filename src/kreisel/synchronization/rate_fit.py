@@ -107,15 +107,22 @@ def rotations_between(tau: Array, q: Array, length: float) -> _Rotations:
     return _Rotations(tau[first][good], tau[first + stride][good], rotation[good])
 
 
-def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock) -> float:
-    """Return the share of the reference's rotation a linear map of the readings explains, without refinement."""
-    return fit_linear_rates(readings, tau, q, clock)[1]
+def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock, *, longer: bool = False) -> float:
+    """Return the share of the reference's rotation a linear map of the readings explains, without refinement.
+
+    longer: whether over longer rotations, of which noise of the poses is a smaller share.
+    """
+    return _linear_share(readings, tau, _long(tau, q) if longer else _short(tau, q), clock)[1]
 
 
 def fit_linear_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> tuple[Array, float]:
     """Return the matrix (3, 3) of readings that explains the reference's rotation best, and the share it explains."""
+    return _linear_share(readings, tau, _short(tau, q), clock)
+
+
+def _linear_share(readings: Readings, tau: Array, rotations: _Rotations, clock: Clock) -> tuple[Array, float]:
     parts = (_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]])))
-    solution, left, target = _linear_fit(parts, _short(tau, q), clock)
+    solution, left, target = _linear_fit(parts, rotations, clock)
     spread = max(float(np.sum((target - target.mean(axis=0)) ** 2)), 1e-30)
     return solution[:3].T.copy(), 1.0 - float(np.sum(left**2)) / spread
 

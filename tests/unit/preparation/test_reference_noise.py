@@ -8,7 +8,7 @@ import pytest
 from kreisel.geometry.rotation import exp, multiply
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
-from kreisel.preparation.reference_noise import assumed_noise, stamp_resolution, with_measured_jitter
+from kreisel.preparation.reference_noise import assumed_noise, stamp_resolution, white_noise, with_measured_jitter
 from kreisel.recording.recording import ReferencePoses
 from kreisel.recording.recording_settings import ReferenceTable
 from kreisel.synchronization.clock import Clock
@@ -149,3 +149,51 @@ def test_what_a_reference_does_not_show_has_no_scatter():
     only_q = poses_at(reference.stamps_ns, None, reference.quaternions)
     assert with_measured_jitter(NOISE, only_p, standstills, Clock(10.0)).jitter_orientation == NOISE.jitter_orientation
     assert with_measured_jitter(NOISE, only_q, standstills, Clock(10.0)).jitter_position == NOISE.jitter_position
+
+
+def moving(rate, noise, *, seconds=60.0, uneven=0.0, seed=4):
+    """Return poses of a smooth motion of 0.2 m and 0.3 rad, with white noise of positions and orientations."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 1.0 / rate)
+    t = t + uneven / rate * rng.uniform(-0.5, 0.5, t.size)
+    stamps = np.round(t * 1e9).astype(np.int64)
+    phases = 2.0 * np.pi * stamps[:, None] * 1e-9 * np.array([0.31, 0.42, 0.55])
+    p = 0.2 * np.sin(phases) + noise[0] * rng.standard_normal((t.size, 3))
+    q = multiply(exp(0.3 * np.cos(phases)), exp(noise[1] * rng.standard_normal((t.size, 3))))
+    return poses_at(stamps, p, q)
+
+
+@pytest.mark.parametrize(
+    ("rate", "noise"), [(5.0, (1e-2, 2e-2)), (30.0, (1e-2, 2e-2)), (30.0, (2e-3, 4e-3)), (200.0, (2e-3, 4e-3))]
+)
+def test_white_noise_is_found_in_motion(rate, noise):
+    assert white_noise(moving(rate, noise)) == pytest.approx(noise, rel=0.12)
+
+
+def test_steps_that_are_not_even_do_not_look_like_noise():
+    assert white_noise(moving(30.0, (1e-3, 2e-3), uneven=0.8)) == pytest.approx((1e-3, 2e-3), rel=0.12)
+
+
+@pytest.mark.parametrize("rate", [5.0, 30.0, 200.0])
+def test_motion_alone_shows_no_noise(rate):
+    assert max(white_noise(moving(rate, (0.0, 0.0)))) < 2e-5
+
+
+def test_corners_of_a_path_do_not_look_like_noise():
+    corners = np.interp(np.arange(0.0, 60.0, 0.07), np.arange(0.0, 61.0), np.arange(61) % 2 * 0.3)
+    p = np.column_stack([corners, 0.5 * corners, np.zeros_like(corners)])
+    assert white_noise(poses_at((np.arange(len(p)) * 70 * MS), p))[0] < 1e-5
+
+
+def test_few_poses_show_no_noise():
+    assert white_noise(moving(1.0, (1e-2, 2e-2))) == (0.0, 0.0)
+
+
+def test_noise_that_is_much_larger_than_usual_replaces_the_default_alone():
+    noisy = moving(30.0, (1e-2, 2e-2))
+    found = stated(noisy, kind="mocap")
+    assert (found.position, found.orientation) == pytest.approx((1e-2, 2e-2), rel=0.1)
+    assert (found.standstill_position, found.standstill_orientation) == (1e-3, 3e-3)
+    own = stated(noisy, kind="mocap", position_sd=1e-3, orientation_sd=2e-3)
+    assert (own.position, own.orientation) == (1e-3, 2e-3)
+    assert stated(moving(30.0, (2e-3, 6e-3)), kind="mocap").position == 1e-3

@@ -67,6 +67,18 @@ def test_standstills_are_found_again_unless_they_are_given():
     assert rescheduled(given, clock).schedule.standstills == problem.schedule.standstills
 
 
+def test_the_scatter_of_poses_is_that_within_the_standstills_found_again():
+    problem = small_problem()
+    rng = np.random.default_rng(5)
+    shaken = problem.reference.positions + 4e-4 * rng.standard_normal(problem.reference.positions.shape)
+    problem = replace(problem, reference=replace(problem.reference, positions=shaken))
+    assert problem.noise.reference.jitter_position < 1e-4
+    clock = replace(problem.schedule.clock, start=problem.schedule.clock.start + 0.1)
+    again = rescheduled(problem, clock)
+    assert again.schedule.standstills
+    assert again.noise.reference.jitter_position == pytest.approx(4e-4, rel=0.3)
+
+
 def test_a_clock_that_leaves_too_few_updates_is_not_followed():
     problem = small_problem()
     assert rescheduled(problem, Clock(problem.sensor.readings.stamps[-1] - 3.0)) is problem
