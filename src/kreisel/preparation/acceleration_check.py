@@ -45,6 +45,8 @@ class AccelerationFit:
     separable
         Whether the motion tells the reference's accelerations from those of a lever arm; a body that only turns about a
         point does not.
+    signed
+        Whether the positions show the sign of the couplings; else it is the one with a positive trace.
     """
 
     K_a: Array
@@ -54,6 +56,7 @@ class AccelerationFit:
     agreement: float
     size: float
     separable: bool = True
+    signed: bool = True
 
 
 def fit_accelerations(preparation: Preparation) -> AccelerationFit:
@@ -82,7 +85,8 @@ def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
         weight = cauchy_weights(size, 4.0 * vector_scale(size) + 1e-9)
     x, sd = fit.x, fit.sd
     inverse, inverse_sd = x[15], sd[15]
-    if inverse < -5.0 * inverse_sd or (abs(inverse) < 5.0 * inverse_sd and np.trace(x[:9].reshape(3, 3)) < 0.0):
+    signed = bool(abs(inverse) >= 5.0 * inverse_sd)
+    if inverse < 0.0 if signed else np.trace(x[:9].reshape(3, 3)) < 0.0:
         x, inverse = -x, -inverse
     moved = regressor @ x[:15]
     agreement, amplitude = _agreement(moved, reference)
@@ -95,6 +99,7 @@ def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
         agreement=agreement,
         size=amplitude,
         separable=bool(inverse_sd / fit.noise * _USUAL_NOISE < _SEPARABLE),
+        signed=signed,
     )
 
 

@@ -145,7 +145,9 @@ def _check_clocks(preparation: Preparation) -> None:
 def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> None:
     reference = preparation.reference
     known = fit.K_a_sd.max() < 0.1 and fit.explained > 0.3 and fit.separable
-    wrong = _reversed(turn_between(preparation.rate_fit.K_omega, fit.K_a)) if known else None
+    signs = (1.0,) if fit.signed else (1.0, -1.0)
+    disorders = [_reversed(turn_between(preparation.rate_fit.K_omega, sign * fit.K_a)) for sign in signs]
+    wrong = disorders[0] if known and None not in disorders else None
     about_a_point = not fit.separable
     agreed = fit.agreement > MIN_AGREEMENT or fit.size < MIN_ACCELERATION or about_a_point
     if wrong is not None or not agreed:

@@ -31,6 +31,14 @@ _STUCK = 20
 """Repetitions of one channel, while others change, from which it is stuck or saturated. Chosen: a channel that rarely
 repeats a value does not repeat it twenty times in a row."""
 
+_FEW = 3.0
+"""Last digits, or usual steps, by which other axes change at most at rest, where one shows no change. Chosen: noise
+that moves one axis by less than half a digit either way, three times larger; six deviations of noise in 20 samples."""
+
+_EDGES = 5
+"""Part of such a rest, at either end, in which other axes may still move. Chosen: motion begins and ends smoothly, and
+turns less about some axes than about others."""
+
 _SPIKE = 30.0
 """Size of a step, in usual ones, from which it is none of a motion. Chosen: above shocks, which last for several
 samples and make the usual steps larger; a step is a small part of a reading, and spikes of the virtual cell are ten
@@ -423,8 +431,8 @@ def _length(inside: slice) -> int:
 def _stays(chunk: _Chunk) -> Iterator[tuple[str, float, slice, str]]:
     """Yield channels that stay the same while the others change: name, value, repeated samples, and how they end.
 
-    This is natural only where the channel hardly changes: at standstill, or at the top of a peak, where it
-    changes by nine digits at most over as many samples again.
+    This is natural only where the channel hardly changes: at standstill, where the other axes of its sensor do not
+    either, or at the top of a peak, where it changes by nine digits at most over as many samples again.
     """
     steps = chunk.steps
     for channel, name in enumerate(CHANNELS):
@@ -443,7 +451,20 @@ def _stays(chunk: _Chunk) -> Iterator[tuple[str, float, slice, str]]:
             moved = max(
                 float(np.ptp(x[max(start - around, 0) : start + 1])), float(np.ptp(x[stop : stop + around + 1]))
             )
-            # a channel that rarely repeats a value does not repeat it twenty times in a row
-            if jumps or (natural < 0.2 and moved > 20.0 * digits):
+            # a channel that rarely repeats a value does not repeat it twenty times in a row, unless nothing moves
+            if jumps or (natural < 0.2 and moved > 20.0 * digits and not _rests(chunk, channel, start, stop)):
                 ending = "then jumps" if jumps else "while the others change"
                 yield name, float(x[start]), slice(start + 1, stop + 1), ending
+
+
+def _rests(chunk: _Chunk, channel: int, start: int, stop: int) -> bool:
+    """Return whether nothing moves between start and stop; at either end axes come to rest one after another.
+
+    The other axes of the channel's sensor change by a few digits at most, and those of the other sensor by a few steps.
+    """
+    edge = (stop - start) // _EDGES
+    low = 3 * (channel // 3)
+    own, other = [k for k in range(low, low + 3) if k != channel], [k for k in range(6) if not low <= k < low + 3]
+    changed = np.ptp(chunk.values[start + edge : stop + 1 - edge], axis=0)
+    steps = _usual(chunk.steps, 90.0)
+    return bool((changed[own] <= _FEW * chunk.digits[own]).all() and (changed[other] <= _FEW * steps[other]).all())

@@ -69,6 +69,8 @@ def test_positions_that_do_not_move_show_no_scale():
         fit = _fit(*windows_of(seed=seed, motion=0.0, p_noise=0.1, a_noise=0.3), GRAVITY)
         assert fit.scale[0] < 0.1
         assert fit.scale[1] == np.inf
+        assert not fit.signed
+    assert _fit(*windows_of(), GRAVITY).signed
 
 
 def test_without_motion_the_couplings_are_still_found_by_gravity():

@@ -12,7 +12,7 @@ from kreisel.errors import ExcitationError, RecordingError, SynchronizationError
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.preparation.acceleration_check import AccelerationFit
 from kreisel.preparation.axis_order import angle, order
-from kreisel.preparation.plausibility import _check_lengths, check_start_values
+from kreisel.preparation.plausibility import _check_accelerometers, _check_lengths, check_start_values
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.recording.header import HeaderUnits
 
@@ -211,6 +211,19 @@ def test_accelerometers_in_disorder_are_described(write, said, degrees):
     if degrees is not None:
         assert turned(caught) == pytest.approx(degrees, abs=2.0)  # 8 mrad of misalignment in each of nine places
     assert caught.value.line == 1
+
+
+def with_couplings(K, *, signed):
+    """Return a fit of accelerometers with these couplings, good otherwise."""
+    return AccelerationFit(K, np.full((3, 3), 1e-3), (0.0, np.inf), 1.0, 1.0, 1.0, signed=signed)
+
+
+def test_accelerometers_are_not_accused_by_a_sign_that_positions_do_not_show():
+    K = sound().rate_fit.K_omega
+    _check_accelerometers(sound(), with_couplings(-K, signed=False))
+    for wrong, signed in ((-K, True), (K[:, [1, 0, 2]], False), (-K[:, [1, 0, 2]], False)):
+        with pytest.raises(RecordingError):
+            _check_accelerometers(sound(), with_couplings(wrong, signed=signed))
 
 
 @pytest.mark.parametrize(("degrees", "passes"), [(25.0, True), (40.0, False)])

@@ -155,6 +155,34 @@ def test_a_channel_that_turns_one_way_only_is_not_saturated_while_it_rests() -> 
     assert check_streams(with_imu(r, rates=np.round(rates, 3))).warnings == ()
 
 
+def short_stops() -> np.ndarray:
+    """Return rates (n, 3) that stop for 0.6 s every 8 s, of the same motion otherwise."""
+    t = np.arange(0.0, 60.0, 0.02)
+    moving = np.clip(np.abs((t % 8.0) - 4.0) - 0.3, 0.0, 0.8) / 0.8
+    return moving[:, None] * np.column_stack([0.5 * np.sin(w * t) for w in (1.1, 1.7, 2.3)])
+
+
+def with_coarse_gyros(rates: np.ndarray) -> Recording:
+    rng = np.random.default_rng(8)
+    forces = np.cumsum(rates, axis=0) * 0.02 + np.array([0.1, 0.2, 9.8]) + 0.01 * rng.normal(size=rates.shape)
+    rates = 1e-3 * np.round((rates + 1e-4 * rng.normal(size=rates.shape)) / 1e-3)
+    stamps = 20_000_000 * np.arange(len(rates))
+    return replace(recording(), imu=ImuSamples(stamps, rates, forces, IMU), reference=None)
+
+
+def test_a_coarse_gyro_does_not_look_stuck_where_nothing_moves() -> None:
+    assert check_streams(with_coarse_gyros(short_stops())).warnings == ()
+
+
+@pytest.mark.parametrize("channels", [[1], [0, 1, 2]])
+def test_a_coarse_gyro_is_stuck_where_others_move(channels: list[int]) -> None:
+    r = with_coarse_gyros(short_stops())
+    stuck = r.imu.rates.copy()
+    stuck[300:350, channels] = stuck[300, channels]
+    warnings = check_streams(with_imu(r, rates=stuck)).warnings
+    assert any(f"w_{'xyz'[channels[0]]} stays at" in str(warning) for warning in warnings)
+
+
 @pytest.mark.parametrize("share", [0.5, 0.8, 0.95])
 @pytest.mark.parametrize("digits", [0.0, 1e-3])
 @pytest.mark.parametrize("channel", [0, 2])
