@@ -1,9 +1,10 @@
-"""Errors of the reference that are linear in place or attitude, and what they do to the parameters.
+"""Errors of the reference that are linear in place, attitude or time, and what they do to the parameters.
 
-A volume of cameras that is measured with a wand is too long by the wand's error, and not by the same along all axes; an
-arm whose gears, zeros or tool err does so by smooth functions of its posture. Over a limited range such an error is
-linear, and looks like another matrix of the sensors: it does not average out, and no residual shows it. What the data
-do not say of it is a part of the deviations.
+A volume of cameras that is measured with a wand is too long by the wand's error, and not by the same along all axes; a
+flat body of markers in it seems turned, by its attitude. Cameras on stands turn while these warm up. An arm whose
+gears, zeros or tool err does so by smooth functions of its posture. Over a limited range such an error is linear, and
+looks like another matrix or offset of the sensors: it does not average out, and no residual shows it. What the data do
+not say of it is a part of the deviations.
 """
 
 from __future__ import annotations
@@ -27,6 +28,13 @@ number, and the axes are compared by all its places."""
 
 _OF_ENTRY = 3.0**-0.5
 """Deviation of the amplitude of an entry over that of a rotation: the squares of all nine entries add up to three."""
+
+_TURNING = 5e-7
+"""rad/s; rate at which a frame of cameras turns, about each axis. Chosen: 0.3 mrad in ten minutes, a third of a
+millimetre of a metre between two cameras' stands."""
+
+_ENTRIES = 27
+"""Errors that are linear in attitude: nine entries of its matrix, in each component of a rotation."""
 
 _SHAPES: tuple[Array, ...] = (
     np.diag([1.0, -1.0, 0.0]),
@@ -79,25 +87,35 @@ def linear_columns(problem: Problem, linear: Linearised, frame_sd: tuple[float, 
 def _fields(problem: Problem, frame_sd: tuple[float, float]) -> tuple[Array, Array]:
     """Return what unit errors do to the poses at the updates, (u, 6, m), and their deviations (m,).
 
-    Their number depends on the kind of the reference alone. An arm's error of rotation is a sum of the entries of its
-    attitude.
+    Their number depends on the kind of the reference alone. Errors of rotation are sums of the entries of the attitude:
+    of an arm, whose errors depend on its posture, and of flat bodies of markers, as far as the cameras' volume is
+    sheared. The frame of cameras turns at a constant rate.
     """
     poses = np.array([update.pose for update in problem.schedule.updates])
     reference, (length, angle) = problem.reference, frame_sd
-    scale = problem.noise.volume_sd
-    deviations = scale * np.array([1.0, *[_DISTORTION] * len(_SHAPES)])
-    if max(frame_sd) > 0.0:
+    arm, places, scale = max(frame_sd) > 0.0, 1 + len(_SHAPES), problem.noise.volume_sd
+    if arm:
         scale = math.hypot(length / REACH, angle)
-        deviations = np.append(np.full(1 + len(_SHAPES), scale), np.full(27, angle * _OF_ENTRY))
+    else:
+        angle = _DISTORTION * scale
+    by_place = scale * np.array([1.0, *[1.0 if arm else _DISTORTION] * len(_SHAPES)])
+    by_time = np.full(0 if arm else 3, _TURNING if scale > 0.0 else 0.0)
+    deviations = np.concatenate([by_place, np.full(_ENTRIES, angle * _OF_ENTRY), by_time])
     fields = np.zeros((poses.size, 6, deviations.size))
+    turning = fields[:, :, places + _ENTRIES :]
+    if reference.quaternions is not None:
+        q = reference.quaternions[poses]
+        fields[:, 3:, places : places + _ENTRIES] = _by_attitude(q)
+        turning[:, 3:] = matrix(q).transpose(0, 2, 1)[:, :, : by_time.size]
     if reference.positions is not None:
         p = reference.positions[poses] - reference.positions.mean(axis=0)
         if "position_scale" not in problem.layout:
             fields[:, :3, 0] = p
         for k, shape in enumerate(_SHAPES, start=1):
             fields[:, :3, k] = p @ shape
-    if reference.quaternions is not None and deviations.size > 1 + len(_SHAPES):
-        fields[:, 3:, 1 + len(_SHAPES) :] = _by_attitude(reference.quaternions[poses])
+        turning[:, :3] = np.cross(np.eye(3), p[:, None]).transpose(0, 2, 1)[:, :, : by_time.size]
+    seconds = reference.seconds[poses]
+    turning *= (seconds - seconds.mean())[:, None, None]
     return fields, deviations
 
 
@@ -109,7 +127,7 @@ def rotations_by_attitude(q: Array, angle: float) -> Array:
 def _by_attitude(q: Array) -> Array:
     """Return the entries of attitudes, from their mean, in each component of a rotation, (n, 3, 27)."""
     C = matrix(q).reshape(-1, 9)
-    out = np.zeros((len(q), 3, 27))
+    out = np.zeros((len(q), 3, _ENTRIES))
     for axis in range(3):
         out[:, axis, 9 * axis : 9 * axis + 9] = C - C.mean(axis=0)
     return out
