@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, apply, conjugate, exp, log, matrix, multiply
 from kreisel.recording.recording import JointAngles, ReferencePoses
 from kreisel.robot.motion import Timeline
 from kreisel.simulation.cell_settings import Cell, Reference
@@ -68,6 +68,7 @@ def report_poses(
     p, q = physics.poses(r.kind, t, p, q, angles)
     p, q, angles = _faulty(draws.faults, r, (p, q, angles))
     p, q = _lost_from_view(draws.faults.spawn(1)[0], r, t, p, q)
+    p, q = _by_cameras(draws.faults.spawn(1)[0], r, t, p, q)
     stamps = START_NS + np.round((tau + MARGIN - r.clock_offset) * 1e9).astype(np.int64)
     if cell.motion.still_poses:
         still = planned.at_rest(t, 0.5 * planned.smoothing)  # the averaged set points stand, too
@@ -89,6 +90,27 @@ def _clock_error(rng: np.random.Generator, r: Reference, t: Array, last: float) 
     """Return by how much later poses are measured than the clocks' constant offset and ratio say, (n,), s."""
     jump, walk = middle(rng, last), np.cumsum(rng.normal(size=t.size) * np.sqrt(np.diff(t, prepend=t[0])))
     return r.clock_jump * (t >= jump) + r.clock_walk * walk
+
+
+def _by_cameras(rng: np.random.Generator, r: Reference, t: Array, p: Array, q: Array) -> tuple[Array, Array]:
+    """Return poses (n, 3) and (n, 4) of a flat body of markers in a distorted volume whose frame turns.
+
+    The markers lie in the plane of the body's x and y, with the same spread along both; the body is fitted to where
+    they are seen.
+    """
+    if not (r.distortion or r.turning):
+        return p, q
+    axes, shears = rng.normal(size=3), rng.normal(size=3)
+    D = np.diag(axes - axes.mean())
+    D[[0, 0, 1], [1, 2, 2]] = D[[1, 2, 2], [0, 0, 1]] = shears
+    D *= r.distortion
+    spread = matrix(q) @ np.diag([1.0, 1.0, 0.0]) @ matrix(q).transpose(0, 2, 1)
+    seen = D @ spread
+    torque = np.stack([seen[:, k, j] - seen[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
+    inertia = np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(3) - spread
+    turned = exp((t - t[0])[:, None] * r.turning * rng.normal(size=3))
+    q = multiply(exp(np.linalg.solve(inertia, torque[..., None])[..., 0]), q)
+    return apply(turned, p + p @ D), multiply(turned, q)
 
 
 def _averaged(measure: Measure, sd: float) -> Measure:

@@ -45,8 +45,9 @@ _LATITUDES, _HEIGHT, _ANOMALY = (-40.0, 65.0), 280.0, 3e-4
 """deg, m and m/s^2; where most people live, the mean height (half of them below 194 m; Cohen and Small 1998), and the
 deviation of gravity from its normal value."""
 
-_VOLUME = 1000.0
-"""ppm; deviation of the scale of cameras' positions: wands are measured to some tenths of a millimetre."""
+_VOLUME, _DISTORTION, _TURNING = 1000.0, 5e-4, 5e-7
+"""ppm; deviation of the scale of cameras' positions: wands are measured to some tenths of a millimetre. Half as much of
+the axes and shears of the volume; rad/s of its frame, 0.3 mrad in ten minutes."""
 
 _FACTORS = (0.1, 0.3, 3.0, 10.0)
 """On what is stated."""
@@ -121,7 +122,7 @@ def random_situation(number: int, seconds: float = 150.0) -> Situation:
     """Return a situation with one to five errors that are on no list, of a device, a cell and a motion drawn for it.
 
     The accuracy of an arm is drawn too. Who records joint angles states it; who records poses alone does not. So are
-    the place on Earth with its gravity, and the scale of a volume of cameras.
+    the place on Earth with its gravity, and the scale and shape of a volume of cameras whose frame turns.
     """
     rng = np.random.default_rng([_RANDOM, number])
     basis = str(rng.choice(_ALL))
@@ -145,7 +146,8 @@ def random_situation(number: int, seconds: float = 150.0) -> Situation:
         "gravity_anomaly": _ANOMALY * float(rng.normal()),
     }
     if basis == "mocap":
-        change["reference"] = {"position_scale_ppm": _VOLUME * float(rng.normal())}
+        scale = {"position_scale_ppm": _VOLUME * float(rng.normal())}
+        change["reference"] = {**scale, "distortion": _DISTORTION, "turning": _TURNING}
     words = ", ".join(f"{count} of {kind}" for kind, count in counts.items())
     return Situation(RANDOM, str(number), basis, f"random functions: {words}", _cell(basis, seconds, change), ())
 

@@ -261,6 +261,41 @@ def test_positions_are_too_long(plain):
     assert truth.position_scale == pytest.approx(5e-4)
 
 
+def flat_body_seen(p, q, D):
+    """Return the rotation that fits four markers of a flat body best to where a distorted volume shows them."""
+    markers = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]) * 0.1
+    true = Rotation.from_quat(np.roll(q, -1)).apply(markers)
+    seen = true + true @ D.T
+    return Rotation.align_vectors(seen, true)[0]
+
+
+def test_cameras_show_a_flat_body_in_a_distorted_volume(plain):
+    _, recording = cell(reference={"distortion": 1e-3})
+    p, seen = plain[1].reference.positions, recording.reference.positions
+    D = np.linalg.lstsq(p, seen - p, rcond=None)[0].T
+    np.testing.assert_allclose(D, D.T, atol=1e-12)
+    assert abs(np.trace(D)) < 1e-12
+    assert 2e-4 < np.abs(D).max() < 4e-3
+    np.testing.assert_allclose(seen, p + p @ D.T, atol=1e-12)
+    for k in range(0, len(p), 500):
+        q, of_cameras = plain[1].reference.quaternions[k], recording.reference.quaternions[k]
+        turn = Rotation.from_quat(np.roll(of_cameras, -1)) * Rotation.from_quat(np.roll(q, -1)).inv()
+        np.testing.assert_allclose(turn.as_rotvec(), flat_body_seen(p[k], q, D).as_rotvec(), atol=3e-6)
+
+
+def test_a_frame_that_turns_evenly_turns_all_poses(plain):
+    _, recording = cell(reference={"turning": 1e-5})
+    seconds, before, after = plain[1].reference.seconds, plain[1].reference, recording.reference
+    turns = (
+        Rotation.from_quat(np.roll(after.quaternions, -1, axis=1))
+        * Rotation.from_quat(np.roll(before.quaternions, -1, axis=1)).inv()
+    )
+    rate = turns[-1].as_rotvec() / seconds[-1]
+    assert 1e-6 < np.linalg.norm(rate) < 1e-4
+    np.testing.assert_allclose(turns.as_rotvec(), seconds[:, None] * rate, atol=1e-12)
+    np.testing.assert_allclose(after.positions, turns.apply(before.positions), atol=1e-12)
+
+
 def test_reported_poses_are_means(plain):
     """To second order: half the variance of the window, times the second derivative."""
     sd, h = 0.02, 0.0025
