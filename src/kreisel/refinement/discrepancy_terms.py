@@ -5,7 +5,7 @@ quantities, or waves in time, each with an unknown amplitude for every component
 taken out of each function over the recording: of a sensor's a constant and the readings, of an accelerometer's the
 angular acceleration and the products of rates too, of a reference's what another frame or tool point would do. So the
 usual parameters are those of the linear description that fits best over the recording, and a family adds to it what is
-not linear.
+not linear. Of what depends on time or temperature alone a constant is taken out: it is like the readings by chance.
 """
 
 from __future__ import annotations
@@ -189,6 +189,11 @@ class _Usual:
         rms = np.sqrt(np.mean((values - self._columns @ share) ** 2, axis=0))
         kept = np.flatnonzero(rms > _LEAST * np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
         return _Functions(basis.of, self.of, share, rms[kept], basis.degree[kept], basis.ends[kept], kept)
+
+
+def _constant(count: int) -> _Usual:
+    """Return a usual model with nothing but a constant, of `count` samples."""
+    return _Usual(lambda which: np.ones((which.size, 1)), count)
 
 
 def _some(count: int) -> Indices:
@@ -380,6 +385,7 @@ class DiscrepancyTerms:
         for columns in usual.values():
             columns *= t.size**0.5 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         known = {owner: _Usual(columns.__getitem__, t.size) for owner, columns in usual.items()}
+        constant = _constant(t.size)
         memories = [_remembered(np.abs(values)) for values in (rates, forces)]
         quantities = {
             "rate": _polynomials(rates.__getitem__, t.size, 3, 6),
@@ -401,7 +407,8 @@ class DiscrepancyTerms:
             own = _scales((rates if owner == "gyroscope" else forces)[:, axes], t)
             own_rows = tuple(rows[axis] for axis in axes)
             for name, basis in {**{n: quantities[n] for n in names if n in quantities}, _SCALE: own}.items():
-                functions = known[owner].without(basis, values.get(name))
+                # drifts are like readings by chance alone: what they have in common is no scale factor
+                functions = (constant if name in _DRIFTS else known[owner]).without(basis, values.get(name))
                 if name != _SCALE or functions.kept.size == basis.degree.size:
                     self._add(Family(owner, name, own_rows), functions)
 
@@ -431,7 +438,7 @@ class DiscrepancyTerms:
             functions = known.without(basis)
             for what in (w for w in rows if present[w]):
                 self._add(Family("reference", f"{what}_by_{name}", rows[what]), functions)
-        late, constant = POSE_ROWS.stop, _Usual(lambda which: np.ones((which.size, 1)), tau.size)
+        late, constant = POSE_ROWS.stop, _constant(tau.size)
         waves = constant.without(_waves(tau))
         self._add(Family("reference", "stamps_by_time", (late,)), waves)
         if robot is not None:
@@ -498,7 +505,7 @@ class DiscrepancyTerms:
         return total
 
 
-_OWN_ANGLE, _SCALE = "own_angle", "scale_by_time"
+_OWN_ANGLE, _SCALE, _DRIFTS = "own_angle", "scale_by_time", ("time", "temperature")
 
 _SENSORS: dict[str, tuple[str, range, Sequence[str]]] = {
     "gyroscope": (

@@ -39,7 +39,7 @@ def test_there_are_families_of_sensors_and_reference():
     assert terms().family.size == terms().weight.size == terms().terms(camera_problem().schedule).count
 
 
-@pytest.mark.parametrize("name", ["gyroscope.rate", "gyroscope.acceleration", "accelerometer.time"])
+@pytest.mark.parametrize("name", ["gyroscope.rate", "gyroscope.acceleration", "accelerometer.jerk"])
 def test_readings_are_corrected_by_nothing_that_the_usual_model_has(name):
     problem = camera_problem()
     changed = terms().corrected(problem, amplitudes(name, 2, 1, 1e-3)).sensor.readings
@@ -51,6 +51,17 @@ def test_readings_are_corrected_by_nothing_that_the_usual_model_has(name):
     usual /= np.sqrt(np.mean(usual**2, axis=0))
     # the functions are of readings averaged over a few samples, the products here of single ones
     assert np.max(np.abs(usual.T @ added[:, 1])) / len(added) < 0.05 * 1e-3
+
+
+def test_a_drift_keeps_what_it_has_in_common_with_the_motion():
+    problem = camera_problem()
+    changed = terms().corrected(problem, amplitudes("accelerometer.time", 2, 1, 1e-3)).sensor.readings
+    added = (changed.accelerations - problem.sensor.readings.accelerations)[:, 1]
+    t = problem.sensor.readings.stamps
+    wave = np.cos(3.0 * np.pi * (t - t[0]) / np.ptp(t))
+    expected = (wave - wave.mean()) / wave.std() * 1e-3
+    assert np.abs(np.abs(added) - np.abs(expected)).max() < 2e-5
+    assert abs(added.mean()) < 1e-5
 
 
 def test_poses_are_corrected_by_nothing_that_another_frame_or_tool_point_does():
