@@ -125,8 +125,6 @@ def calibrate(
 
     Exit status 3 if the result is rejected; with --limits also if it does not conform, and 4 without a decision.
     """
-    from kreisel.calibration.calibrate import run_calibration
-    from kreisel.calibration.injection import inject as inject_errors
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import check_output
     from kreisel.cli.progress_bar import progress_bar
@@ -179,16 +177,27 @@ def calibrate(
     if not columns and _all_units(read_one, recordings[0], imu, settings, output, within, (inject, validate, json)):
         return
     with releasing_memory(), progress_bar() as show:
-        read = read_one(recordings[0], progress=show)
+        # modules are imported while the library reads
+        read, run_calibration = in_threads([partial(read_one, recordings[0], progress=show), _calibrating])
         outcome = run_calibration(
             read, settings, show, executor=in_threads, validate=validate and output is not None, budget=True
         )
         if inject:
+            from kreisel.calibration.injection import inject as inject_errors
+
             injection = inject_errors(outcome, show)
         if output is not None:
             _save(outcome, output, injection)
     document = _document(outcome, output, injection)
     _end(outcome.calibration, document, partial(_say, outcome, output, injection), within, output, as_json=json)
+
+
+def _calibrating() -> Callable[..., Outcome]:
+    """Return the function that calibrates; its modules, and those of the result's files, are imported."""
+    import kreisel.report.report_page  # noqa: F401 - used once there is a result
+    from kreisel.calibration.calibrate import run_calibration
+
+    return run_calibration
 
 
 def _all_units(

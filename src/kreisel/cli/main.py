@@ -21,6 +21,8 @@ from typer.core import TyperGroup
 # The filter's matrices are small: threads inside BLAS cost more time than they save.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+# Plugins of other packages would be looked for among all that are installed.
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from kreisel.cli import (  # noqa: E402 - after the environment is set
     allan,
