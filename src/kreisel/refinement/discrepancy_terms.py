@@ -5,7 +5,8 @@ quantities, or waves in time, each with an unknown amplitude for every component
 taken out of each function over the recording: of a sensor's a constant and the readings, of an accelerometer's the
 angular acceleration and the products of rates too, of a reference's what another frame or tool point would do. So the
 usual parameters are those of the linear description that fits best over the recording, and a family adds to it what is
-not linear. Of what depends on time or temperature alone a constant is taken out: it is like the readings by chance.
+not linear. What changes slowly, with time, temperature or the past, is like slow changes of the readings by chance:
+of it a constant is taken out, and what it shares with faster changes.
 """
 
 from __future__ import annotations
@@ -169,10 +170,14 @@ class _Usual:
         From indices of samples to its columns (n, j).
     count
         Number of samples.
+    slow
+        From indices of samples to slow waves (n, k) with which functions have something in common by chance alone: of
+        them a constant is taken out, and what they share with faster changes.
     """
 
     of: Callable[[Indices], Array]
     count: int
+    slow: Callable[[Indices], Array] | None = None
 
     @cached_property
     def _columns(self) -> Array:
@@ -180,7 +185,12 @@ class _Usual:
 
     @cached_property
     def _inverse(self) -> Array:
-        return np.asarray(np.linalg.pinv(self._columns, rcond=1e-9))
+        columns = self._columns
+        if self.slow is not None:
+            waves = np.linalg.qr(self.slow(_some(self.count)))[0]
+            columns = columns - waves @ (waves.T @ columns)
+            columns[:, 0] = self._columns[:, 0]
+        return np.asarray(np.linalg.pinv(columns, rcond=1e-9))
 
     def without(self, basis: _Basis, values: Array | None = None) -> _Functions:
         """Return functions without what the usual model has; values: theirs at `_some` samples, if they are known."""
@@ -243,8 +253,14 @@ def _unit(values: Array) -> Array:
 
 def _waves(t: Array) -> _Basis:
     """Return half waves over times t (n,), and their orders as degrees."""
-    z, orders = np.pi * (t - t[0]) / max(float(t[-1] - t[0]), 1e-9), np.arange(1, WAVES + 1)
-    return _Basis(lambda which: np.cos(z[which, None] * orders), np.maximum(orders / 2.0, 1.0))
+    orders = np.arange(1, WAVES + 1)
+    return _Basis(_cosines(t, orders), np.maximum(orders / 2.0, 1.0))
+
+
+def _cosines(t: Array, orders: Indices) -> Callable[[Indices], Array]:
+    """Return half waves of some orders over times t (n,), (m, k), as a function of m indices of samples."""
+    z = np.pi * (t - t[0]) / max(float(t[-1] - t[0]), 1e-9)
+    return lambda which: np.cos(z[which, None] * orders)
 
 
 def _scales(own: Array, t: Array) -> _Basis:
@@ -385,7 +401,7 @@ class DiscrepancyTerms:
         for columns in usual.values():
             columns *= t.size**0.5 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         known = {owner: _Usual(columns.__getitem__, t.size) for owner, columns in usual.items()}
-        constant = _constant(t.size)
+        drifting = {owner: replace(one, slow=_cosines(t, np.arange(2 * WAVES + 1))) for owner, one in known.items()}
         memories = [_remembered(np.abs(values)) for values in (rates, forces)]
         quantities = {
             "rate": _polynomials(rates.__getitem__, t.size, 3, 6),
@@ -407,8 +423,8 @@ class DiscrepancyTerms:
             own = _scales((rates if owner == "gyroscope" else forces)[:, axes], t)
             own_rows = tuple(rows[axis] for axis in axes)
             for name, basis in {**{n: quantities[n] for n in names if n in quantities}, _SCALE: own}.items():
-                # drifts are like readings by chance alone: what they have in common is no scale factor
-                functions = (constant if name in _DRIFTS else known[owner]).without(basis, values.get(name))
+                usual_of = (drifting if name in _DRIFTS else known)[owner]
+                functions = usual_of.without(basis, values.get(name))
                 if name != _SCALE or functions.kept.size == basis.degree.size:
                     self._add(Family(owner, name, own_rows), functions)
 
@@ -505,7 +521,10 @@ class DiscrepancyTerms:
         return total
 
 
-_OWN_ANGLE, _SCALE, _DRIFTS = "own_angle", "scale_by_time", ("time", "temperature")
+_OWN_ANGLE, _SCALE = "own_angle", "scale_by_time"
+
+_DRIFTS = ("past_rate", "past_acceleration", "time", "temperature")
+"""What a sensor's drifts depend on."""
 
 _SENSORS: dict[str, tuple[str, range, Sequence[str]]] = {
     "gyroscope": (

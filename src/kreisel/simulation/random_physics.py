@@ -4,7 +4,8 @@ A function is a sum of random waves over one or several quantities, each in unit
 features of a smooth Gaussian process, Rahimi and Recht 2007). Everything is taken out of it that the usual model has,
 so that the parameters have one true value: over the recording a sensor's function is orthogonal to a constant, to
 rates, their products and derivatives, and to accelerations, a reference's to what another tool point or frame would do.
-What depends on time is a drift beside these, which keeps its chance correlation with the motion, as a real one does.
+What depends on time or the past is a drift beside these, which keeps its chance correlation with the motion, as a real
+one does.
 Sizes are spread evenly in their logarithm, up to what data sheets of the grade, and of arms and cameras, state.
 """
 
@@ -156,8 +157,8 @@ class _Usual:
     def without(self, value: Array, *, drifts: bool = False) -> Array:
         """Return a function (n, j) without the share that the usual model has in it.
 
-        drifts: it depends on time, and the share is that beside a drift. Otherwise an offset that drifts would be
-        one minus what readings are by chance like it, which no device has.
+        drifts: it depends on time or the past, and the share is that beside a drift. Otherwise an offset that drifts
+        would be one minus what readings are by chance like it, which no device has.
         """
         columns = self._columns
         if drifts:
@@ -170,7 +171,7 @@ class _Usual:
 def _of_sensor(
     rng: np.random.Generator, t: Array, own: Array, rates: Array, accelerations: Array
 ) -> tuple[Array, bool]:
-    """Return the quantities that a sensor's error depends on, (n, k), and whether time is among them."""
+    """Return the quantities that a sensor's error depends on, (n, k), and whether time or the past are among them."""
     memory = np.exp(rng.uniform(*np.log(_LAG)))
     quantities: list[Callable[[], Array]] = [
         lambda: own,
@@ -181,7 +182,7 @@ def _of_sensor(
         lambda: t[:, None],
     ]
     chosen = _some(rng, len(quantities))
-    return np.hstack([quantities[k]() for k in chosen]), len(quantities) - 1 in chosen
+    return np.hstack([quantities[k]() for k in chosen]), max(chosen) >= len(quantities) - 2
 
 
 def _some(rng: np.random.Generator, count: int) -> list[int]:

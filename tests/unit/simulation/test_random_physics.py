@@ -33,7 +33,7 @@ def plain():
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 def test_a_sensors_function_is_none_of_its_usual_model(sensor, plain, monkeypatch):
     """Gone are a constant, what is linear in readings, and what lever arms do; what is left is not small."""
-    monkeypatch.setattr(random_physics, "_some", lambda rng, count: rng.choice(count - 1, size=2, replace=False))
+    monkeypatch.setattr(random_physics, "_some", lambda rng, count: rng.choice(count - 2, size=2, replace=False))
     changed = cell(unlisted={sensor: 3})
     kind, other = ("rates", "accelerations") if sensor == "gyro" else ("accelerations", "rates")
     np.testing.assert_array_equal(getattr(changed.imu, other), getattr(plain.imu, other))
@@ -53,6 +53,17 @@ def test_a_drift_alone_is_no_function_of_the_readings(plain, monkeypatch):
     slow = waves(plain.imu.seconds)
     left = added - slow @ np.linalg.lstsq(slow, added, rcond=None)[0]
     assert np.std(left) < 0.02 * np.std(added)
+    assert np.abs(added.mean(axis=0)).max() < 0.01 * np.std(added)
+
+
+def test_what_depends_on_the_past_shares_nothing_with_fast_readings(plain, monkeypatch):
+    monkeypatch.setattr(random_physics, "_some", lambda _rng, count: [count - 2])
+    added = cell(unlisted={"accel": 1}).imu.accelerations - plain.imu.accelerations
+    fast, slow = np.column_stack([plain.imu.rates, plain.imu.accelerations]), waves(plain.imu.seconds)
+    fast = fast - slow @ np.linalg.lstsq(slow, fast, rcond=None)[0]
+    shared = fast @ np.linalg.lstsq(fast, added, rcond=None)[0]
+    assert np.std(added) > 1e-4
+    assert np.std(shared) < 0.05 * np.std(added)
     assert np.abs(added.mean(axis=0)).max() < 0.01 * np.std(added)
 
 
