@@ -14,6 +14,8 @@ import numpy as np
 from kreisel.estimation.robust import cauchy_weights, vector_scale
 from kreisel.geometry.rotation import Array
 from kreisel.preparation.preparation import Preparation
+from kreisel.preparation.reference_noise import white_noise
+from kreisel.synchronization.windows import variance_by_noise
 
 _MIN_WINDOWS = 20
 """Windows of a fit. Chosen: their 60 equations are three times the 18 unknowns: couplings, offsets, lever arm, scale,
@@ -22,6 +24,11 @@ and direction of gravity."""
 _SEPARABLE, _USUAL_NOISE = 0.05, 0.1
 """Deviation of the positions' scale up to which the motion tells accelerations from those of a lever arm, with this
 noise of accelerations, m/s^2."""
+
+
+_CERTAIN, _LEFT = 0.9, 0.02
+"""Share of the noise that is taken out, and of the squares of the reference's accelerations that is left at least.
+Chosen: noise is known to a few per cent, and what is left makes only the second bound of the scale larger."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +46,10 @@ class AccelerationFit:
     explained
         Share of gravity's change in the readings that is explained.
     agreement
-        Of predicted accelerations, f, and reference ones, a: 1 - var(f - a) / (var f + var a).
+        Of predicted accelerations, f, and reference ones, a, without the noise of poses in the latter:
+        1 - var(f - a) / (var f + var a).
     size
-        Standard deviation of the larger of the two, m/s^2.
+        Standard deviation of the larger of the two without that noise, m/s^2.
     separable
         Whether the motion tells the reference's accelerations from those of a lever arm; a body that only turns about a
         point does not.
@@ -61,11 +69,12 @@ class AccelerationFit:
 
 def fit_accelerations(preparation: Preparation) -> AccelerationFit:
     """Return the fit of a recording with positions and orientations."""
-    windows = preparation.accelerometer_fit.windows
-    return _fit(windows.regressor, windows.reference, preparation.site.gravity)
+    windows, reference = preparation.accelerometer_fit.windows, preparation.reference
+    noise = variance_by_noise(reference.seconds, white_noise(reference)[0])
+    return _fit(windows.regressor, windows.reference, preparation.site.gravity, noise)
 
 
-def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
+def _fit(regressor: Array, reference: Array, gravity: float, noise: float = 0.0) -> AccelerationFit:
     """Fit, down-weighting windows that do not fit.
 
     Parameters
@@ -74,22 +83,26 @@ def _fit(regressor: Array, reference: Array, gravity: float) -> AccelerationFit:
         Predicted acceleration for a unit of nine couplings, three offsets and a common lever arm.
     reference : (windows, 3)
         Accelerations of the reference.
+    noise
+        Their variance by white noise of the poses, (m/s^2)^2.
     """
     if len(reference) < _MIN_WINDOWS:
         return AccelerationFit(np.eye(3), np.full((3, 3), np.inf), (0.0, np.inf), 0.0, 1.0, 0.0)
     unknown = np.concatenate([regressor, -reference[:, :, None]], axis=2)
-    weight = np.ones(len(reference))
+    weight, counted = np.ones(len(reference)), _CERTAIN * noise
     for _ in range(8):
-        fit = _homogeneous(unknown, weight, gravity)
+        fit = _homogeneous(unknown, weight, gravity, counted)
         size = np.linalg.norm(fit.left, axis=1)
         weight = cauchy_weights(size, 4.0 * vector_scale(size) + 1e-9)
+        # large noise has small weight
+        counted = _CERTAIN * noise * float(np.average(size**2, weights=weight)) / max(float(np.mean(size**2)), 1e-30)
     x, sd = fit.x, fit.sd
     inverse, inverse_sd = x[15], sd[15]
     signed = bool(abs(inverse) >= 5.0 * inverse_sd)
     if inverse < 0.0 if signed else np.trace(x[:9].reshape(3, 3)) < 0.0:
         x, inverse = -x, -inverse
     moved = regressor @ x[:15]
-    agreement, amplitude = _agreement(moved, reference)
+    agreement, amplitude = _agreement(moved, reference, noise)
     high = 1.0 / (inverse - 3.0 * inverse_sd) if inverse > 5.0 * inverse_sd else np.inf
     return AccelerationFit(
         K_a=x[:9].reshape(3, 3),
@@ -114,16 +127,22 @@ class _Homogeneous:
     noise: float
 
 
-def _homogeneous(unknown: Array, weight: Array, gravity: float) -> _Homogeneous:
-    """Solve for gravity's direction, the least eigenvector of the unexplained remainder, and for all else."""
+def _homogeneous(unknown: Array, weight: Array, gravity: float, noise: float) -> _Homogeneous:
+    """Solve for gravity's direction, the least eigenvector of the unexplained remainder, and for all else.
+
+    Noise of the last column, the reference's accelerations, does not count as motion: else its factor would be too
+    small, and the couplings would have to explain gravity with what is left.
+    """
     root = np.sqrt(weight)[:, None, None]
     M = (unknown * root).reshape(-1, unknown.shape[2])
     G = (np.broadcast_to(np.eye(3), (len(unknown), 3, 3)) * root).reshape(-1, 3)
     normal = M.T @ M
+    no_motion = min(3.0 * noise * float(weight.sum()), (1.0 - _LEFT) * normal[-1, -1])
+    normal[-1, -1] -= no_motion
     normal += 1e-9 * np.diag(np.diag(normal) + 1e-12)
     x_of_g = -np.linalg.solve(normal, M.T @ G)
     remainder = G + M @ x_of_g
-    values, vectors = np.linalg.eigh(remainder.T @ remainder)
+    values, vectors = np.linalg.eigh(remainder.T @ remainder - no_motion * np.outer(x_of_g[-1], x_of_g[-1]))
     g = gravity * vectors[:, 0]
     x = x_of_g @ g
     left = unknown @ x + g
@@ -142,8 +161,8 @@ def _min_scale(regressor: Array, reference: Array, weight: Array, gravity: float
     return float(np.linalg.norm(solution[15:])) / gravity
 
 
-def _agreement(predicted: Array, reference: Array) -> tuple[float, float]:
+def _agreement(predicted: Array, reference: Array, noise: float = 0.0) -> tuple[float, float]:
     predicted, reference = predicted - predicted.mean(axis=0), reference - reference.mean(axis=0)
-    total = float(np.mean(predicted**2) + np.mean(reference**2))
-    size = float(np.sqrt(max(np.mean(predicted**2), np.mean(reference**2))))
-    return 1.0 - float(np.mean((predicted - reference) ** 2)) / max(total, 1e-30), size
+    differ = max(float(np.mean((predicted - reference) ** 2)) - noise, 0.0)
+    squares = float(np.mean(predicted**2)), max(float(np.mean(reference**2)) - noise, 0.0)
+    return 1.0 - differ / max(sum(squares), 1e-30), float(np.sqrt(max(squares)))

@@ -20,6 +20,7 @@ from kreisel.synchronization.clock import Clock
 HALF_WINDOW = 0.25
 """Half the length of a second difference, s."""
 
+_SMOOTHED = 0.1  # s over which positions are averaged; chosen: less than half of the shortest window's half
 _NEAR_GAP = 1.0  # s; the attitude is smoothed over a second (`preparation.attitude`)
 
 
@@ -48,7 +49,7 @@ class Windows:
     @classmethod
     def over(cls, signal: InertialSignal, clock: Clock, tau: Array, shortest: float = HALF_WINDOW) -> Windows:
         """Return windows that lie inside both recordings."""
-        half = max(shortest, 3.0 * float(np.median(np.diff(tau))))
+        half = _half(tau, shortest)
         low = max(tau[0] + half, float(clock.reference_time(signal.stamps[1])) + half)
         high = min(tau[-1] - half, float(clock.reference_time(signal.stamps[-2])) - half)
         middle = np.arange(low, high, 0.4 * half)
@@ -62,8 +63,8 @@ class Windows:
 
     def second_difference(self, p: Array) -> Array:
         """Second difference of positions, smoothed over the poses near each end, (windows, 3)."""
-        width = max(1, round(0.1 / float(np.median(np.diff(self.reference)))))
-        smooth = running_mean(p, width) if width > 2 else p
+        width = _smoothed(self.reference)
+        smooth = running_mean(p, width) if width > 1 else p
         a, b, c = (interpolate_columns(s, self.reference, smooth) for s in self.tau)
         return np.asarray((a - 2.0 * b + c) / self.half**2)
 
@@ -91,6 +92,22 @@ class Windows:
         integral[order] = ordered
         a, b, c = np.split(integral, 3)
         return np.asarray((a - 2.0 * b + c) / self.half**2)
+
+
+def variance_by_noise(tau: Array, sd: float) -> float:
+    """Return the variance that white noise of positions at times tau (m,) adds to a second difference, m^2/s^4."""
+    return 6.0 * sd**2 / (_smoothed(tau) * _half(tau, HALF_WINDOW) ** 4)
+
+
+def _half(tau: Array, shortest: float) -> float:
+    """Return half the length of windows, s: three poses or more."""
+    return max(shortest, 3.0 * float(np.median(np.diff(tau))))
+
+
+def _smoothed(tau: Array) -> int:
+    """Return the number of poses over which positions are averaged; 1 where these are too far apart."""
+    width = round(_SMOOTHED / float(np.median(np.diff(tau))))
+    return width if width > 2 else 1
 
 
 def _nearest(stamps: Array, moments: Array) -> Indices:

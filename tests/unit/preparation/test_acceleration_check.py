@@ -1,5 +1,6 @@
 """Accelerometers fitted with no assumption about them: made by hand, disturbed, and found again."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from kreisel.preparation.acceleration_check import _agreement, _fit, fit_accelerations
 from kreisel.preparation.preparation import AccelerationWindows
+from kreisel.recording.recording import ReferencePoses
 
 GRAVITY = 9.81
 DOWN = np.array([0.6, -0.48, 0.64])
@@ -71,6 +73,20 @@ def test_positions_that_do_not_move_show_no_scale():
         assert fit.scale[1] == np.inf
         assert not fit.signed
     assert _fit(*windows_of(), GRAVITY).signed
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_of_poses_that_is_known_does_not_count_as_motion(seed):
+    """Accelerations with motion of 1 m/s^2 and noise of 2, which would make their factor one fifth."""
+    windows = windows_of(seed=seed, count=2000, motion=1.0, p_noise=2.0, a_noise=0.05)
+    known, unknown = _fit(*windows, GRAVITY, 4.0), _fit(*windows, GRAVITY)
+    assert unknown.agreement < 0.4
+    assert unknown.scale[1] > 4.0
+    assert known.agreement > 0.9
+    assert known.signed
+    assert known.scale[0] == pytest.approx(1.0, abs=0.15)
+    assert 1.0 < known.scale[1] < 2.5
+    np.testing.assert_allclose(known.K_a, MOUNT, atol=0.05)
 
 
 def test_without_motion_the_couplings_are_still_found_by_gravity():
@@ -137,7 +153,10 @@ def test_agreement_is_one_zero_and_minus_one():
 def test_a_recording_is_fitted_by_its_windows_and_its_gravity():
     regressor, reference = windows_of()
     windows = AccelerationWindows(regressor, reference, np.zeros((0, 3, 15)))
-    known = SimpleNamespace(accelerometer_fit=SimpleNamespace(windows=windows), site=SimpleNamespace(gravity=GRAVITY))
+    poses = ReferencePoses("pose0", 10_000_000 * np.arange(500), np.zeros((500, 3)), None, Path("pose0/data.csv"))
+    known = SimpleNamespace(
+        accelerometer_fit=SimpleNamespace(windows=windows), site=SimpleNamespace(gravity=GRAVITY), reference=poses
+    )
     fit = fit_accelerations(known)
     np.testing.assert_allclose(fit.K_a, MOUNT, atol=1e-6)
     known.site.gravity = 2.0 * GRAVITY  # gravity is the measure of everything

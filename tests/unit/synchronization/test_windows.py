@@ -5,7 +5,7 @@ import pytest
 
 from kreisel.inertial.strapdown import prepare
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.windows import HALF_WINDOW, Windows
+from kreisel.synchronization.windows import HALF_WINDOW, Windows, variance_by_noise
 
 IMU_STEP, POSE_STEP = 0.0025, 0.012
 OMEGA = 5.0
@@ -174,3 +174,11 @@ def test_missing_poses_fewer_than_six_do_not_matter():
         Windows.over(signal_of(t), Clock(0.0), kept).tau[1].size
         == Windows.over(signal_of(t), Clock(0.0), tau).tau[1].size
     )
+
+
+@pytest.mark.parametrize("step", [0.011, 0.1])
+def test_noise_of_positions_is_as_large_as_predicted(step):
+    w = windows_of(seconds=200.0, step=step)
+    draws = np.random.default_rng(2).normal(0.0, 3e-3, (w.reference.size, 20))
+    # a mean between two poses has less
+    assert np.mean(w.second_difference(draws) ** 2) == pytest.approx(variance_by_noise(w.reference, 3e-3), rel=0.1)
