@@ -96,7 +96,7 @@ def _by_cameras(rng: np.random.Generator, r: Reference, t: Array, p: Array, q: A
     """Return poses (n, 3) and (n, 4) of a flat body of markers in a distorted volume whose frame turns.
 
     The markers lie in the plane of the body's x and y, with the same spread along both; the body is fitted to where
-    they are seen.
+    they are seen. Its frame, and that of the cameras, are those with which it seems turned least.
     """
     if not (r.distortion or r.turning):
         return p, q
@@ -108,9 +108,12 @@ def _by_cameras(rng: np.random.Generator, r: Reference, t: Array, p: Array, q: A
     seen = D @ spread
     torque = np.stack([seen[:, k, j] - seen[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
     inertia = np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(3) - spread
+    C = matrix(q)
+    turn = np.einsum("nji,nj->ni", C, np.linalg.solve(inertia, torque[..., None])[..., 0])
+    frames = np.concatenate([np.broadcast_to(np.eye(3), C.shape), C.transpose(0, 2, 1)], axis=2).reshape(-1, 6)
+    turn -= (frames @ np.linalg.lstsq(frames, turn.ravel(), rcond=None)[0]).reshape(-1, 3)
     turned = exp((t - t[0])[:, None] * r.turning * rng.normal(size=3))
-    q = multiply(exp(np.linalg.solve(inertia, torque[..., None])[..., 0]), q)
-    return apply(turned, p + p @ D), multiply(turned, q)
+    return apply(turned, p + p @ D), multiply(turned, multiply(q, exp(turn)))
 
 
 def _averaged(measure: Measure, sd: float) -> Measure:
