@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -183,7 +184,7 @@ class Problem:
         out[self.layout.present(group)] = own
         return out
 
-    @property
+    @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Name of every estimated parameter, one for each of its degrees of freedom."""
         names: list[str] = []

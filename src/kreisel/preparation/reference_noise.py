@@ -25,8 +25,9 @@ _MUCH = 3.0
 """White noise over the default from which it replaces that. Chosen: the passes correct less, and what a robot's path
 has of corners between its poses may look like noise of twice the default."""
 
-_WINDOWS, _TAPS = 20_000, 6
-"""Largest number of windows that show white noise, spread evenly over the poses, and poses in each."""
+_WINDOWS, _TAPS = 4_000, 6
+"""Largest number of windows that show white noise, spread evenly over the poses, and poses in each. Chosen: they show it
+to two per cent."""
 
 _FEWEST = 100
 """Windows from which on they show it."""
