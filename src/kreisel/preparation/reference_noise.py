@@ -26,8 +26,8 @@ _MUCH = 3.0
 has of corners between its poses may look like noise of twice the default."""
 
 _WINDOWS, _TAPS = 4_000, 6
-"""Largest number of windows that show white noise, spread evenly over the poses, and poses in each. Chosen: they show it
-to two per cent."""
+"""Largest number of windows that show white noise, spread evenly over the poses, and poses in each. Chosen: they show
+it to two per cent."""
 
 _FEWEST = 100
 """Windows from which on they show it."""
