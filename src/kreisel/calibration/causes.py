@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause
-from kreisel.estimation.consistency import MAX_REJECTED_IN_A_ROW
+from kreisel.estimation.consistency import lasting_runs
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.noise_figures import coarse_step
 from kreisel.model.considered_terms import describe
@@ -234,13 +234,10 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
 
 
 def _lasting(marked: Mask) -> Mask:
-    """Return the updates in marked runs of `MAX_REJECTED_IN_A_ROW` or more; none if there are `_AGAIN` such runs."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8)))
-    runs = [(begin, end) for begin, end in edges.reshape(-1, 2).tolist() if end - begin >= MAX_REJECTED_IN_A_ROW]
-    out = np.zeros(marked.size, dtype=bool)
-    for begin, end in runs if len(runs) < _AGAIN else []:
-        out[begin:end] = True
-    return out
+    """Return the updates in marked runs that last; none if there are `_AGAIN` such runs."""
+    lasting = lasting_runs(marked)
+    times = np.count_nonzero(np.diff(lasting.astype(np.int8), prepend=0) > 0)
+    return lasting if times < _AGAIN else np.zeros_like(lasting)
 
 
 def _of_readings(estimate: Estimate) -> tuple[str, str]:

@@ -87,10 +87,24 @@ def test_a_recording_without_standstills_is_not_rejected_for_it():
     assert reasons(facts=replace(FACTS, nis_standstill=float("nan"))) == ()
 
 
-def test_one_update_in_twenty_may_be_rejected():
-    assert reasons(facts=replace(FACTS, rejected=5)) == ()
-    (reason,) = reasons(facts=replace(FACTS, rejected=6))
-    assert "6 of 100 updates" in reason
+def with_rejected(*runs):
+    """Return an estimate with updates that are rejected: first ones and numbers of runs."""
+    run = small_run()
+    used = np.ones(run.history.used.size, dtype=bool)
+    for first, count in runs:
+        used[first : first + count] = False
+    return found(run=replace(run, history=replace(run.history, used=used)))
+
+
+@pytest.mark.parametrize(
+    ("runs", "allowed"),
+    [(((10, 6),), 5), (((10, 6), (40, 1)), 5), (((10, 5),), 10), (((10, 1), (20, 2), (30, 5)), 10)],
+)
+def test_one_update_in_twenty_may_be_rejected_or_in_ten_where_it_does_not_last(runs, allowed):
+    estimate = with_rejected(*runs)
+    assert reasons(estimate, facts=replace(FACTS, rejected=allowed)) == ()
+    (reason,) = reasons(estimate, facts=replace(FACTS, rejected=allowed + 1))
+    assert f"{allowed + 1} of 100 updates" in reason
 
 
 def test_halves_that_differ_in_a_sensor_parameter_are_a_reason():
