@@ -116,7 +116,10 @@ def test_motion_capture(recordings, name, bias_deg_s):
 def test_flight(recordings):
     document = calibrate(recordings, "euroc_v1_01")
     bias = -np.array(document["gyroscope"]["offset"])
-    assert np.abs(bias - (-0.00222, 0.02081, 0.07631)).max() < 3e-4
+    away = np.abs(bias - (-0.00222, 0.02081, 0.07631))
+    assert away.max() < 7e-4
+    # these gyros drift: how much of it the motion shares is not known better
+    assert (away / document["standard_deviation"]["gyroscope"]["offset"]).max() < 0.5
     bias = -np.array(document["accelerometer"]["offset"])
     assert np.abs(bias - (-0.0133, 0.5495, 0.0684)).max() < 0.05
     assert document["timing"]["offset"] == pytest.approx(0.2e-3, abs=0.5e-3)
