@@ -67,8 +67,8 @@ def white_noise(reference: ReferencePoses) -> tuple[float, float]:
     -----
     Each pose differs from the cubic through two before and two behind it by its own noise and theirs. Differences of
     neighbours have a negative correlation by noise, and a positive one by motion that is slower than a quarter of the
-    rate of poses: half the difference of the variances of their difference and sum is the noise alone. Medians, so that
-    corners of a path do not count.
+    rate of poses: a quarter of the difference of the variances of their difference and sum is the noise alone. Medians,
+    so that corners of a path do not count.
     """
     t, count = reference.seconds, reference.seconds.size
     if count < _FEWEST:

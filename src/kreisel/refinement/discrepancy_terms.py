@@ -201,11 +201,6 @@ class _Usual:
         return _Functions(basis.of, self.of, share, rms[kept], basis.degree[kept], basis.ends[kept], kept)
 
 
-def _constant(count: int) -> _Usual:
-    """Return a usual model with nothing but a constant, of `count` samples."""
-    return _Usual(lambda which: np.ones((which.size, 1)), count)
-
-
 def _some(count: int) -> Indices:
     """Return evenly spread numbers below `count`, enough for a mean."""
     return np.unique(np.linspace(0, count - 1, min(count, _ENOUGH)).astype(np.int64))
@@ -454,7 +449,7 @@ class DiscrepancyTerms:
             functions = known.without(basis)
             for what in (w for w in rows if present[w]):
                 self._add(Family("reference", f"{what}_by_{name}", rows[what]), functions)
-        late, constant = POSE_ROWS.stop, _constant(tau.size)
+        late, constant = POSE_ROWS.stop, _Usual(lambda which: np.ones((which.size, 1)), tau.size)
         waves = constant.without(_waves(tau))
         self._add(Family("reference", "stamps_by_time", (late,)), waves)
         if robot is not None:
