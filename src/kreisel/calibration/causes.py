@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause
-from kreisel.estimation.consistency import lasting_runs
+from kreisel.estimation.consistency import MAX_REJECTED_IN_A_ROW
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.noise_figures import coarse_step
 from kreisel.model.considered_terms import describe
@@ -19,6 +19,7 @@ from kreisel.recording.recording import excerpt
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import CONTRADICTION, imu_density
 from kreisel.refinement.prior_conflict import MAX_SCORE, OFFSETS, prior_scores
+from kreisel.validation.stamp_checks import runs
 
 _WALKS = {
     "gyro_offset": ("gyro offset walks", "the gyro offsets change during the recording"),
@@ -236,8 +237,15 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
 def _lasting(marked: Mask) -> Mask:
     """Return the updates in marked runs that last; none if there are `_AGAIN` such runs."""
     lasting = lasting_runs(marked)
-    times = np.count_nonzero(np.diff(lasting.astype(np.int8), prepend=0) > 0)
-    return lasting if times < _AGAIN else np.zeros_like(lasting)
+    return lasting if runs(lasting)[0].size < _AGAIN else np.zeros_like(lasting)
+
+
+def lasting_runs(marked: Mask) -> Mask:
+    """Return the updates in marked runs of `MAX_REJECTED_IN_A_ROW` or more."""
+    out = np.zeros(marked.size, dtype=bool)
+    for begin, end in zip(*runs(marked), strict=True):
+        out[begin:end] = end - begin >= MAX_REJECTED_IN_A_ROW
+    return out
 
 
 def _of_readings(estimate: Estimate) -> tuple[str, str]:

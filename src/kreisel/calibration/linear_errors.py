@@ -93,30 +93,30 @@ def _fields(problem: Problem, frame_sd: tuple[float, float]) -> tuple[Array, Arr
     """
     poses = np.array([update.pose for update in problem.schedule.updates])
     reference, (length, angle) = problem.reference, frame_sd
-    arm, places, scale = max(frame_sd) > 0.0, 1 + len(_SHAPES), problem.noise.volume_sd
+    arm, scale = max(frame_sd) > 0.0, problem.noise.volume_sd
     if arm:
-        scale = math.hypot(length / REACH, angle)
+        scale = shape_sd = math.hypot(length / REACH, angle)
     else:
-        angle = _DISTORTION * scale
-    by_place = scale * np.array([1.0, *[1.0 if arm else _DISTORTION] * len(_SHAPES)])
-    by_time = np.full(0 if arm else 3, _TURNING if scale > 0.0 else 0.0)
-    deviations = np.concatenate([by_place, np.full(_ENTRIES, angle * _OF_ENTRY), by_time])
-    fields = np.zeros((poses.size, 6, deviations.size))
-    turning = fields[:, :, places + _ENTRIES :]
+        shape_sd = angle = _DISTORTION * scale
+    by_place, by_attitude, by_time = (np.zeros((poses.size, 6, k)) for k in (1 + len(_SHAPES), _ENTRIES, 3))
     if reference.quaternions is not None:
         q = reference.quaternions[poses]
-        fields[:, 3:, places : places + _ENTRIES] = _by_attitude(q)
-        turning[:, 3:] = matrix(q).transpose(0, 2, 1)[:, :, : by_time.size]
+        by_attitude[:, 3:] = _by_attitude(q)
+        by_time[:, 3:] = matrix(q).transpose(0, 2, 1)
     if reference.positions is not None:
         p = reference.positions[poses] - reference.positions.mean(axis=0)
         if "position_scale" not in problem.layout:
-            fields[:, :3, 0] = p
+            by_place[:, :3, 0] = p
         for k, shape in enumerate(_SHAPES, start=1):
-            fields[:, :3, k] = p @ shape
-        turning[:, :3] = np.cross(np.eye(3), p[:, None]).transpose(0, 2, 1)[:, :, : by_time.size]
+            by_place[:, :3, k] = p @ shape
+        by_time[:, :3] = np.cross(np.eye(3), p[:, None]).transpose(0, 2, 1)
+    deviations = [scale, *[shape_sd] * len(_SHAPES), *[angle * _OF_ENTRY] * _ENTRIES]
+    if arm:
+        return np.concatenate([by_place, by_attitude], axis=2), np.array(deviations)
     seconds = reference.seconds[poses]
-    turning *= (seconds - seconds.mean())[:, None, None]
-    return fields, deviations
+    by_time *= (seconds - seconds.mean())[:, None, None]
+    turning = _TURNING if scale > 0.0 else 0.0
+    return np.concatenate([by_place, by_attitude, by_time], axis=2), np.array([*deviations, *[turning] * 3])
 
 
 def rotations_by_attitude(q: Array, angle: float) -> Array:

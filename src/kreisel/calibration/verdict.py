@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes, slip_of_mount
+from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes, lasting_runs, slip_of_mount
 from kreisel.calibration.data_sheet import MAX_ANGLE, MAX_SCALE, MAX_SPREAD, non_orthogonality, sensitivity
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause, Consistency, Verdict
-from kreisel.estimation.consistency import gate_bounds, lag_one, lasting_runs, mean_normalised
+from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
 from kreisel.model.calibration_settings import SENSORS
 from kreisel.model.considered_terms import describe
 from kreisel.model.groups import group_named

@@ -10,7 +10,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel.geometry.rotation import Array, Mask
+from kreisel.geometry.rotation import Array
 
 GATE = 1e-6
 """A measurement less probable than one in a million is rejected: equation (20) of docs/explanation/model.md."""
@@ -46,15 +46,6 @@ def gate_bounds(degrees: NDArray[np.generic]) -> Array:
     """Return the bound of the normalised innovation squared for each update of so many degrees of freedom, (u,)."""
     bounds = {m: chi_square_bound(GATE, int(m)) for m in np.unique(degrees)}
     return np.array([bounds[m] for m in degrees])
-
-
-def lasting_runs(marked: Mask) -> Mask:
-    """Return the updates in marked runs of `MAX_REJECTED_IN_A_ROW` or more."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(np.int8)))
-    out = np.zeros(marked.size, dtype=bool)
-    for begin, end in edges.reshape(-1, 2).tolist():
-        out[begin:end] = end - begin >= MAX_REJECTED_IN_A_ROW
-    return out
 
 
 def _gamma_tails(a: float, y: float) -> tuple[float, float]:

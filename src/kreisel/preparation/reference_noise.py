@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from kreisel.estimation.robust import vector_scale
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
@@ -35,9 +36,6 @@ _FEWEST = 100
 _GAP, _BURST = 1.6, 0.5
 """Mean and shortest step of a window, in median steps, within which its poses count as evenly spread."""
 
-_NORMAL = 1.4826
-"""Standard deviation of normal numbers over the median of their sizes."""
-
 
 def assumed_noise(table: ReferenceTable, kind: str, reference: ReferencePoses) -> ReferenceNoise:
     """Return the noise that the settings state; else what the poses show, or a default for the kind of reference."""
@@ -65,16 +63,16 @@ def white_noise(reference: ReferencePoses) -> tuple[float, float]:
 
     Notes
     -----
-    Each pose differs from the cubic through two before and two behind it by its own noise and theirs. Differences of
-    neighbours have a negative correlation by noise, and a positive one by motion that is slower than a quarter of the
-    rate of poses: a quarter of the difference of the variances of their difference and sum is the noise alone. Medians,
-    so that corners of a path do not count.
+    Each pose differs from the cubic through the two before and the two after it by its own noise and theirs. Of
+    neighbouring poses, noise makes these differences correlate negatively, and motion slower than a quarter of the rate
+    of poses positively: a quarter of the variance of their difference less that of their sum is the noise alone.
+    Variances are found by medians, so that corners of a path do not count.
     """
     t, count = reference.seconds, reference.seconds.size
     if count < _FEWEST:
         return 0.0, 0.0
-    first = np.unique(np.linspace(0, count - _TAPS, _WINDOWS).astype(np.int64))
-    poses = first[:, None] + np.arange(_TAPS)
+    begins = np.unique(np.linspace(0, count - _TAPS, _WINDOWS).astype(np.int64))
+    poses = begins[:, None] + np.arange(_TAPS)
     steps, usual = np.diff(t[poses], axis=1), reference.interval
     even = (steps.mean(axis=1) < _GAP * usual) & (steps.min(axis=1) > _BURST * usual)
     poses = poses[even]
@@ -84,12 +82,12 @@ def white_noise(reference: ReferencePoses) -> tuple[float, float]:
     shared = -np.sum(weights[0][:, 1:] * weights[1][:, :-1], axis=1)
 
     def noise_of(values: Array) -> float:
-        before, behind = (
+        first, second = (
             np.einsum("nj,njd->nd", weight, part) / np.sqrt(shared)[:, None]
             for weight, part in zip(weights, (values[:, :-1], values[:, 1:]), strict=True)
         )
-        spread = [(_NORMAL * float(np.median(np.abs(part)))) ** 2 for part in (before - behind, before + behind)]
-        return max(0.25 * (spread[0] - spread[1]), 0.0) ** 0.5
+        difference, total = (vector_scale(np.linalg.norm(part, axis=1)) for part in (first - second, first + second))
+        return 0.5 * max(difference**2 - total**2, 0.0) ** 0.5
 
     p, q = reference.positions, reference.quaternions
     turned = None if q is None else log(multiply(conjugate(q[poses[:, 2]])[:, None], q[poses]).reshape(-1, 4))

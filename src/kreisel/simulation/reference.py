@@ -104,11 +104,11 @@ def _by_cameras(rng: np.random.Generator, r: Reference, t: Array, p: Array, q: A
     D = np.diag(axes - axes.mean())
     D[[0, 0, 1], [1, 2, 2]] = D[[1, 2, 2], [0, 0, 1]] = shears
     D *= r.distortion
-    spread = matrix(q) @ np.diag([1.0, 1.0, 0.0]) @ matrix(q).transpose(0, 2, 1)
+    C = matrix(q)
+    spread = C @ np.diag([1.0, 1.0, 0.0]) @ C.transpose(0, 2, 1)
     seen = D @ spread
     torque = np.stack([seen[:, k, j] - seen[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
     inertia = np.trace(spread, axis1=1, axis2=2)[:, None, None] * np.eye(3) - spread
-    C = matrix(q)
     turn = np.einsum("nji,nj->ni", C, np.linalg.solve(inertia, torque[..., None])[..., 0])
     frames = np.concatenate([np.broadcast_to(np.eye(3), C.shape), C.transpose(0, 2, 1)], axis=2).reshape(-1, 6)
     turn -= (frames @ np.linalg.lstsq(frames, turn.ravel(), rcond=None)[0]).reshape(-1, 3)

@@ -71,7 +71,6 @@ class Windows:
     def integrate(self, values: Array) -> Array:
         """Triangularly weighted mean of sampled values (n, k), (windows, k)."""
         values = np.ascontiguousarray(values)
-        values = np.ascontiguousarray(values)
         return self.means(values.shape[1], lambda *at: quadrature.double_integral(self.stamps, values, *at))
 
     def means(self, columns: int, integrate: Callable[[Indices, Array, Array], None]) -> Array:
