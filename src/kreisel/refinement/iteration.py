@@ -17,12 +17,13 @@ from kreisel.fitting.nonlinearity import curved
 from kreisel.fitting.result_change import with_unit_of_data
 from kreisel.fitting.stored_state import parameters_of
 from kreisel.geometry.rotation import Array
+from kreisel.model.assumed_noise import PoseError
 from kreisel.model.considered_terms import Considered, describe
 from kreisel.model.parameters import GROUPS
 from kreisel.model.problem import Problem, with_correlation_time
 from kreisel.progress import Progress, StepProgress, of_step
 from kreisel.recording.recording import DataWarning
-from kreisel.refinement.arm_size import most_likely_size, with_arm_size
+from kreisel.refinement.arm_size import most_likely_size, with_arm_size, with_larger_frames
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy
@@ -198,7 +199,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     before = problem.noise.offset_walk
     walks = {g: gain for g, gain in passes.walk_gain.items() if found.noise.offset_walk[g] > before.get(g, 0.0)}
     estimate = Estimate(
-        found,
+        _with_larger_frames(problem, passes, work),
         run,
         work.estimator,
         passes.count,
@@ -458,21 +459,40 @@ def _with_arm_size(passes: _Passes, work: _Work) -> _Passes:
     Noise is that of the usual size while sizes are compared: it must not stand for the arm.
     """
     noise = passes.problem.noise
-    if not noise.pose_error.assumed or passes.problem.settings.passes is not None:
+    if not _of_assumed_arm(passes.problem):
         return passes
-
-    def log_probability(size: float) -> float:
-        once = noise.pose_error.larger(size / noise.pose_error.repeated)
-        trial = replace(passes.problem, noise=replace(noise, pose_error=once))
-        return _probability(replace(passes, problem=trial, run=work.estimator.refit(trial, passes.run)))
-
     gyro_noise = float(np.sqrt(np.max(passes.problem.sensor.readings.noise[0])))
-    found = with_arm_size(noise, most_likely_size(log_probability), gyro_noise)
+    found = with_arm_size(noise, _size_of_arm(passes, noise.pose_error, work), gyro_noise)
     if found is noise:
         return passes
     problem = replace(passes.problem, noise=found)
     again = _until_settled(problem, passes.count, work, passes.run)
     return replace(again, adapted=passes.adapted or again.adapted)
+
+
+def _with_larger_frames(first: Problem, passes: _Passes, work: _Work) -> Problem:
+    """Return the passes' problem with frames of an arm as large as its errors are now that all effects are known."""
+    problem, usual = passes.problem, first.noise
+    if not _of_assumed_arm(problem):
+        return problem
+    size = _size_of_arm(passes, usual.pose_error, work)
+    return replace(problem, noise=with_larger_frames(problem.noise, usual, size))
+
+
+def _of_assumed_arm(problem: Problem) -> bool:
+    """Return whether the reference is an arm whose errors are assumed, for nobody stated them."""
+    return problem.noise.pose_error.assumed and problem.settings.passes is None
+
+
+def _size_of_arm(passes: _Passes, usual: PoseError, work: _Work) -> float:
+    """Return the most likely size of an arm's errors, over the usual one, near the passes' result."""
+
+    def log_probability(size: float) -> float:
+        noise = replace(passes.problem.noise, pose_error=usual.larger(size / usual.repeated))
+        trial = replace(passes.problem, noise=noise)
+        return _probability(replace(passes, problem=trial, run=work.estimator.refit(trial, passes.run)))
+
+    return most_likely_size(log_probability)
 
 
 def _probability(passes: _Passes) -> float:

@@ -1,10 +1,12 @@
 """Size of an arm's errors by probabilities that are made up."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from kreisel.model.assumed_noise import PoseError
-from kreisel.refinement.arm_size import most_likely_size, with_arm_size
+from kreisel.refinement.arm_size import most_likely_size, with_arm_size, with_larger_frames
 
 from ...small_problem import small_problem, with_noise
 
@@ -40,3 +42,14 @@ def test_noise_of_gyros_hides_small_errors_but_not_large_ones():
     """Over 4 s, gyros with 1e-4 rad/s/Hz^0.5 walk by 0.2 mrad; errors of 0.6 mrad may be hidden, of 9 mrad not."""
     assert with_arm_size(NOISE, 0.2, 1e-4) is NOISE
     assert with_arm_size(NOISE, 3.0, 1e-4).pose_error.orientation == pytest.approx(9e-3)
+
+
+@pytest.mark.parametrize(
+    ("before", "size", "frames"), [(1.0, 0.2, 1.0), (1.4, 1.2, 1.4), (0.4, 0.3, 0.6), (1.0, 3.0, 3.0)]
+)
+def test_a_later_look_at_the_size_makes_frames_larger_only(before, size, frames):
+    """Errors of poses stay as they were."""
+    taken = replace(NOISE, frame_sd=(before * 2e-3, before * 1e-3))
+    found = with_larger_frames(taken, NOISE, size)
+    assert np.divide(found.frame_sd, NOISE.frame_sd) == pytest.approx(frames)
+    assert found.pose_error == taken.pose_error
