@@ -26,8 +26,13 @@ def continuous(q: Array) -> Array:
 
 def running_mean(values: Array, width: int) -> Array:
     """Return means of rows (n, k) over about `width` rows around each; fewer at the ends."""
-    padded = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
-    n = len(values)
-    low = np.clip(np.arange(n) - width // 2, 0, n)
-    high = np.clip(np.arange(n) + width // 2 + 1, 0, n)
-    return np.asarray((padded[high] - padded[low]) / (high - low)[:, None])
+    n, half = len(values), min(width // 2, len(values))
+    sums = np.zeros((n + 1, values.shape[1]))
+    np.cumsum(values, axis=0, out=sums[1:])
+    out = np.empty(values.shape)
+    out[: n - half] = sums[half + 1 :]
+    out[n - half :] = sums[n]
+    out[half + 1 :] -= sums[1 : n - half]
+    number = np.arange(n)
+    out /= (np.minimum(number + half + 1, n) - np.maximum(number - half, 0))[:, None]
+    return out

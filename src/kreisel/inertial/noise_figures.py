@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from kreisel.geometry.rotation import Array
 from kreisel.units import DEG, DEG_PER_HOUR, DEG_PER_ROOT_HOUR, MG, STANDARD_GRAVITY
@@ -254,14 +255,19 @@ def white_density(values: Array, interval: float, density: Array | None = None) 
     n = (len(values) - _SEGMENT) // (_SEGMENT // 2) + 1
     if n < _BANDS:
         return density
-    starts = (_SEGMENT // 2) * np.arange(n)
     window = np.hanning(_SEGMENT)
-    segments = values[starts[:, None] + np.arange(_SEGMENT)]
-    segments = (segments - segments.mean(axis=1, keepdims=True)) * window[:, None]
-    power = np.mean(np.abs(np.fft.rfft(segments, axis=1)) ** 2, axis=0) * interval / np.sum(window**2)
+    power = np.transpose([_power(np.ascontiguousarray(axis), window) for axis in values.T]) * interval / n
     inside = power[_SEGMENT // 16 : -_SEGMENT // 16]
     quietest = np.sqrt(np.min([band.mean(axis=0) for band in np.array_split(inside, _BANDS)], axis=0))
     return np.asarray(np.where(quietest < _TONES * density, quietest, density))
+
+
+def _power(signal: Array, window: Array) -> Array:
+    """Return the sum over segments of a signal (n,) of its squared Fourier coefficients, over that of the window's."""
+    segments = sliding_window_view(signal, _SEGMENT)[:: _SEGMENT // 2]
+    found = np.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * window, axis=1)
+    squares = np.einsum("nf,nf->f", found.real, found.real) + np.einsum("nf,nf->f", found.imag, found.imag)
+    return np.asarray(squares / np.sum(window**2))
 
 
 _WINDOW, _QUIETEST, _EQUAL = 100, 90.0, 0.65

@@ -55,8 +55,10 @@ def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Arra
         error = multiply(q[own], conjugate(multiply(free[k], exp(step))))
         turned = log(multiply(error, conjugate(error[0])))
         part = slice(first, last + 1)
-        at_sample = interpolate_columns(signal.stamps[part], t[own], running_mean(_unwrapped(turned), width))
-        free[part] = multiply(multiply(exp(at_sample), error[0]), free[part])
+        slowly = multiply(exp(running_mean(_unwrapped(turned), width)), error[0])
+        at_sample = interpolate_columns(signal.stamps[part], t[own], slowly)
+        at_sample /= np.sqrt(np.einsum("ni,ni->n", at_sample, at_sample))[:, None]
+        free[part] = multiply(at_sample, free[part])
     return free
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.geometry.rotation import Array
 from kreisel.recording.header import NO_UNITS, HeaderUnits
 from kreisel.recording.recording_settings import RecordingSettings
 
@@ -40,11 +40,15 @@ def excerpt(values: Array, most: int = 4) -> list[Array]:
 
 
 def angles_over(q: Array, stride: int) -> Array:
-    """Return the angles (m - stride,) between attitudes q (m, 4) that many rows apart, rad."""
+    """Return the angles (m - stride,) between attitudes q (m, 4) that many rows apart, rad.
+
+    By the chord between the quaternions, one of which stands for the same attitude with the other sign, too.
+    """
     angle = np.empty(len(q) - stride)
     for part in chunks(angle.size):
-        later = q[part.start + stride : part.stop + stride]
-        angle[part] = np.linalg.norm(log(multiply(conjugate(q[part]), later)), axis=1)
+        before, later = q[part], q[part.start + stride : part.stop + stride]
+        same, other = (np.einsum("ni,ni->n", chord, chord) for chord in (later - before, later + before))
+        angle[part] = 4.0 * np.arcsin(0.5 * np.sqrt(np.minimum(same, other)))
     return angle
 
 
