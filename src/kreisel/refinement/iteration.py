@@ -30,6 +30,7 @@ from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy
 from kreisel.refinement.effect_selection import Survey, considered, selected, survey, without_needless
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import (
+    FEW_REJECTED,
     NoiseFactors,
     noise_factors,
     noise_ratios,
@@ -319,15 +320,24 @@ def _until_settled(problem: Problem, before: int, work: _Work, begun: Fit | None
         run = estimator.fit(problem, gate=WIDE_GATE, progress=step)
     else:
         run = estimator.refit(problem, begun, gate=WIDE_GATE, progress=step)
-    count, adapted = 1, False
+    count, adapted, still, kept = 1, False, False, False
+    likeliest = (-np.inf, problem, run)
     near, share, change = run, 1.0, np.zeros(0)
     while True:
+        beyond = float(np.mean(_beyond_gate(run) > 1.0))
+        rejected = beyond if still else 1.0 - float(np.mean(run.history.used))
         factors = noise_factors(problem, run)
-        rejected = 1.0 - float(np.mean(run.history.used))
         factors = factors.contradicted(reference=given.reference, imu=given.imu, rejected=rejected)
         factors = within_bounds(problem, factors)
         if count == 1 and problem.reference.quaternions is None:
             factors = NoiseFactors()  # the attitude was a guess: such innovations do not show the noise
+        if not factors.agree() and count == MAX_NOISE_PASSES and likeliest[0] > bounded_likelihood(run):
+            # what makes the noise larger from pass to pass is no noise
+            problem, run, kept = likeliest[1], likeliest[2], True
+        if kept:
+            factors = NoiseFactors()
+        elif beyond < FEW_REJECTED:
+            likeliest = max(likeliest, (bounded_likelihood(run), problem, run), key=lambda one: one[0])
         marked = with_wrong_stamps(problem, run) if factors.agree() else problem
         settled = (factors.agree() and marked is problem) or count >= MAX_NOISE_PASSES
         if settled and not _another_pass(problem, run, moved, count):
@@ -344,6 +354,7 @@ def _until_settled(problem: Problem, before: int, work: _Work, begun: Fit | None
         change_before, change = change, _change(problem, near, run)
         share = _relaxation(share, change_before, change)
         moved = float(np.max(np.abs(change), initial=0.0))
+        still = moved <= SETTLED
         if far:
             far = moved > NEAR
             if _wide_gate_mattered(run):
@@ -573,5 +584,10 @@ def _another_pass(problem: Problem, run: Fit, moved: float, count: int) -> bool:
 
 def _wide_gate_mattered(run: Fit) -> bool:
     """Return whether a wide gate accepted updates that the usual one would reject: grossly, or often."""
-    beyond = run.history.used * run.history.nis / gate_bounds(run.history.degrees)
+    beyond = run.history.used * _beyond_gate(run)
     return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
+
+
+def _beyond_gate(run: Fit) -> Array:
+    """Return the normalised innovations squared of all updates over the bound of the usual gate, (u,)."""
+    return np.asarray(run.history.nis / gate_bounds(run.history.degrees))
