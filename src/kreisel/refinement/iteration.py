@@ -334,6 +334,7 @@ def _until_settled(problem: Problem, before: int, work: _Work, begun: Fit | None
         if not factors.agree() and count == MAX_NOISE_PASSES and likeliest[0] > bounded_likelihood(run):
             # what makes the noise larger from pass to pass is no noise
             problem, run, kept = likeliest[1], likeliest[2], True
+            share, change = 1.0, np.zeros(0)
         if kept:
             factors = NoiseFactors()
         elif beyond < FEW_REJECTED:

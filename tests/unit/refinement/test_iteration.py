@@ -12,6 +12,7 @@ from kreisel.fitting.fit import Fit
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import with_correlation_time
+from kreisel.refinement import iteration
 from kreisel.refinement.iteration import (
     NEAR,
     SETTLED,
@@ -207,6 +208,31 @@ def test_given_noise_that_is_far_too_small_is_replaced_and_that_is_said():
     assert "given noise figures contradict the data" in found.warnings[0].message
 
 
+def test_noise_that_grows_from_pass_to_pass_is_given_up_for_the_likeliest(monkeypatch):
+    """Eight passes that ask for 1.4 times as much would end at ten times the gyros' noise, which is right at first."""
+    problem = with_noise(camera_problem(), imu_bounds=((0.0, 1.0), (0.0, 1.0)))
+    monkeypatch.setattr(iteration, "noise_factors", lambda *_: NoiseFactors(gyro=1.4))
+    found = estimate(problem, StatedFigures(reference=True, imu=False), SPKF)
+    assert imu_density(found.problem)[0] < 2.0 * imu_density(problem)[0]
+    assert found.moved < SETTLED
+
+
+def test_figures_too_small_show_as_soon_as_estimates_stand_still():
+    """Stated twice too small: a wide gate rejects nothing, the usual one would reject 8 % of the poses."""
+    rejected = []
+
+    class Watched(KalmanFilter):
+        def refit(self, *of, **how):
+            run = super().refit(*of, **how)
+            rejected.append(1.0 - float(np.mean(run.history.used)))
+            return run
+
+    problem = with_reference(camera_problem(), position=2.2e-4, orientation=2.2e-4)
+    found = estimate(started_late(problem), BOTH, Watched())
+    assert found.problem.noise.reference.position > 3.5e-4
+    assert max(rejected) < 0.02
+
+
 def test_contradiction_counts_only_figures_that_were_given():
     before = camera_problem()
     after = with_factors(before, NoiseFactors(position=3.0, orientation=4.0, gyro=5.0, accel=2.0))
@@ -284,16 +310,20 @@ def test_another_pass_is_run_where_it_pays():
     assert _another_pass(problem, let_through, 0.0, 1)
 
 
-def test_a_pass_from_a_start_far_off_is_repeated_until_it_settles():
-    """Twenty milliseconds late, which is two samples: the answer is that of a right start."""
-    problem = camera_problem()
+def started_late(problem):
+    """Twenty milliseconds, which are two samples."""
     start = problem.prior.start
     off = replace(start, start=start.start + 0.02)
     clock = replace(problem.schedule.clock, start=off.start)
     wide = problem.prior.start_covariance | {"time_offset": np.array([[0.03**2]])}
-    moved = replace(problem, schedule=replace(problem.schedule, clock=clock),
-                    prior=replace(problem.prior, start=off, start_covariance=wide))  # fmt: skip
-    found = estimate(moved, BOTH, SPKF)
+    return replace(problem, schedule=replace(problem.schedule, clock=clock),
+                   prior=replace(problem.prior, start=off, start_covariance=wide))  # fmt: skip
+
+
+def test_a_pass_from_a_start_far_off_is_repeated_until_it_settles():
+    """The answer is that of a right start."""
+    problem = camera_problem()
+    found = estimate(started_late(problem), BOTH, SPKF)
     assert found.passes > 1
     assert found.moved < SETTLED
     assert np.abs(_change(problem, found.run, usual().run)).max() < SETTLED
