@@ -39,6 +39,20 @@ def test_every_group_is_honest(inaccurate):
         assert group.ratio < 2.2, group.title
 
 
+def test_an_arm_that_an_unknown_effect_hides_at_first_shows_once_the_effect_is_known():
+    """Gyros that respond to acceleration make all noise larger: a fifth of the arm's usual errors seemed likeliest."""
+    content = {
+        "seed": 1, "seconds": 150.0, "imu": {"grade": "consumer-mems"}, "reference": {"joints": False},
+        "stated": {"robot": False}, "errors": {"geometry_length_sd": 1e-3, "geometry_angle_sd": 1e-3},
+        "unlisted": {"gyro": 1},
+    }  # fmt: skip
+    _, recording = simulate(Cell.model_validate(content), Path("cell"))
+    outcome = run_calibration(recording, CalibrationSettings())
+    usual = outcome.estimate.stated.noise.frame_sd
+    assert np.divide(outcome.problem.noise.frame_sd, usual) == pytest.approx(1.5, abs=0.3)
+    assert "as large as the poses show" in next(w.message for w in outcome.warnings if w.subject == "robot")
+
+
 def test_taken_for_noise_they_are_not(inaccurate):
     truth, recording, _ = inaccurate
     settings = recording.settings.model_copy(update={"robot": RobotTable(length_sd=0.0, angle_sd=0.0)})
