@@ -137,7 +137,7 @@ def read_table(path: Path, what: str) -> Table:
         if comma:
             body = re.sub(rb",[ \t]*$", b"", body, flags=re.MULTILINE)
         if body.strip():
-            lines = body.count(b"\n") + 1
+            lines = _line_ends(body) + 1
             if rows is None:
                 whole = time_unit(columns, path) == "ns"
                 rows = _Rows(round(1.02 * path.stat().st_size / len(body) * lines) + 16, len(columns), whole)
@@ -203,13 +203,18 @@ def _text_blocks(path: Path, what: str, warnings: list[DataWarning]) -> Iterator
                 if cut:
                     text = _checked(data[:cut], done, line, what, path)
                     yield text, line
-                    done, line = done + cut, line + text.count(b"\n")
+                    done, line = done + cut, line + _line_ends(text)
             if left:
                 yield from _last_line(_checked(left, done, line, what, path), line, path, warnings)
     except OSError as error:
         raise RecordingError(
             f"cannot be read: {error.strerror}; check its permissions, or copy it again", file=path
         ) from error
+
+
+def _line_ends(text: bytes) -> int:
+    """Return the number of line feeds; far faster than `bytes.count` where lines are short."""
+    return int(np.count_nonzero(np.frombuffer(text, dtype=np.uint8) == ord("\n")))
 
 
 def _check_text(data: bytes, start: int, line: int, left: bytes, path: Path) -> None:
