@@ -88,7 +88,9 @@ def test_repeatability_acts_as_errors_of_the_frames_that_average_over_the_rests(
     assert rests > 3
     found = repeatability_columns(problem, parameters())
     sd = noise.standstill_position, noise.standstill_orientation
-    whole = frame_columns(with_noise(problem, frame_sd=sd), parameters(), about=(1.0, 1.0, 1.0))
+    whole = frame_columns(
+        with_noise(problem, frame_sd=sd), parameters(), turned=(1.0, 1.0, 1.0), shifted=(1.0, 1.0, 1.0)
+    )
     np.testing.assert_allclose(found * rests**0.5, whole)
     moving = replace(problem, schedule=replace(problem.schedule, standstills=()))
     assert not repeatability_columns(moving, parameters()).any()

@@ -100,7 +100,7 @@ def test_errors_of_the_frames_are_added_here_too(steady):
     standstills = 4.0 * np.sum(repeatability_columns(camera_problem(), run.parameters)[:n] ** 2, axis=1)
     want = steady.deviation**2 - standstills + np.sum(columns**2, axis=1)  # which are part of the frames' errors
     np.testing.assert_allclose(halves.deviation**2, want, rtol=1e-9)
-    assert np.all(halves.deviation[problem.layout["lever_arms"]] > 2e-3)
+    assert np.all(halves.deviation[problem.layout["lever_arms"]] > 0.8 * 2e-3)
 
 
 def test_too_short_halves_are_not_compared():
