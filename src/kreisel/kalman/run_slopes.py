@@ -10,7 +10,7 @@ import numpy as np
 from kreisel._kernels.filter_arguments import Record
 from kreisel.fitting.terms import OFFSET_ROWS
 from kreisel.geometry.rotation import Array, Indices, Mask
-from kreisel.model.layout import NAVIGATION, PATH_ERROR, STANDSTILL_ERROR
+from kreisel.model.layout import NAVIGATION, STANDSTILL_ERROR
 from kreisel.model.problem import Problem
 
 
@@ -54,7 +54,7 @@ class Slopes:
         self.moving = slice(layout.degrees - problem.changing, layout.degrees)
         self.position = layout["position"].start
         places = {part.name: layout[part.name] for part in layout}
-        self._navigation = [places[part.name] for part in (*PATH_ERROR, *NAVIGATION) if part.name in layout]
+        self._navigation = [places[part.name] for part in NAVIGATION]
         self._standstill = [places[part.name] for part in STANDSTILL_ERROR if part.name in layout]
         fading = problem.noise.gauss_markov
         self._fading = [(places[group], 1.0 / process.time) for group, process in fading.items() if group in layout]

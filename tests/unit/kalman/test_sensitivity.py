@@ -18,7 +18,7 @@ from kreisel.kalman.linear_run import LinearRun
 from kreisel.kalman.prior_exchange import narrowed_belief, start_near
 from kreisel.kalman.run_slopes import Slopes
 from kreisel.kalman.sensitivity import Sensitivity
-from kreisel.model.problem import with_readings
+from kreisel.model.problem import with_correlation_time, with_readings
 
 from ...small_problem import camera_problem
 
@@ -93,6 +93,26 @@ def test_derivatives_are_those_of_a_run_over_data_with_a_term(beside, row):
     misfit = float(np.nansum(other.history.whitened**2) - np.nansum(run.history.whitened**2))
     expected = size * (size * sensitivity.information[row, row] - 2.0 * sensitivity.score[row])
     assert misfit == pytest.approx(expected, rel=0.1, abs=0.02)
+
+
+@pytest.mark.parametrize("row", [0, 1, 4, 8, 10])
+def test_errors_of_poses_last_where_navigation_begins_anew(near, row):
+    """Coloured noise is the reference's: what the run knows of it is kept over a gap of the readings."""
+    problem = with_correlation_time(camera_problem(), 3.0)
+    updates = [
+        replace(update, first=update.last, new_segment=True) if k in (60, 100, 140) else update
+        for k, update in enumerate(problem.schedule.updates)
+    ]
+    problem = replace(problem, schedule=replace(problem.schedule, updates=tuple(updates)))
+    slopes = Slopes(problem)
+    start, begun = start_near(problem, near), narrowed_belief(problem, ESTIMATOR.refit(problem, near))
+    run = run_filter(problem, start, belief=begun, gate=100.0, slopes=slopes)
+    n, derivative = len(problem.parameter_names), Sensitivity(problem, terms(), slopes).state
+    deviation = run.belief.standard_deviation[:n]
+    size = 0.03 / np.max(np.abs(derivative[:n, row]) / deviation)
+    other = run_filter(with_term(problem, row, size), start, belief=begun, gate=100.0)
+    change = problem.layout.minus(other.belief.mean[:, None], run.belief.mean)[:n, 0]
+    assert np.max(np.abs(change - size * derivative[:n, row]) / deviation) < 0.03 * 0.05
 
 
 def test_a_run_is_the_same_with_terms_beside_it(beside):
