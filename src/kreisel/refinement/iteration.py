@@ -49,9 +49,10 @@ from kreisel.tasks import Executor, sequential
 MAX_NOISE_PASSES = 8
 """Largest number of passes to find noise figures where none are given or the given ones are contradicted."""
 
-MAX_PASSES = 10
+MAX_PASSES = 14
 """Largest number of passes, if none is requested. Chosen: those that go to and fro in weak motion took 6 to 12 with
-extrapolation; a result that still moves is rejected (`calibration.verdict.MAX_MOVED`)."""
+extrapolation, and three that followed `MAX_NOISE_PASSES`, in an industrial recording, let it settle; a result that still
+moves is rejected (`calibration.verdict.MAX_MOVED`)."""
 
 MAX_ROUNDS = 4
 """Largest number of times that further effects, or parameters that walk, are looked for."""
