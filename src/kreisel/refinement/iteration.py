@@ -51,8 +51,8 @@ MAX_NOISE_PASSES = 8
 
 MAX_PASSES = 14
 """Largest number of passes, if none is requested. Chosen: those that go to and fro in weak motion took 6 to 12 with
-extrapolation, and three that followed `MAX_NOISE_PASSES`, in an industrial recording, let it settle; a result that still
-moves is rejected (`calibration.verdict.MAX_MOVED`)."""
+extrapolation, and an industrial recording three after `MAX_NOISE_PASSES`; a result that still moves is rejected
+(`calibration.verdict.MAX_MOVED`)."""
 
 MAX_ROUNDS = 4
 """Largest number of times that further effects, or parameters that walk, are looked for."""

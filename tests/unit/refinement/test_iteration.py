@@ -14,6 +14,7 @@ from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import with_correlation_time
 from kreisel.refinement import iteration
 from kreisel.refinement.iteration import (
+    MAX_PASSES,
     NEAR,
     SETTLED,
     StatedFigures,
@@ -294,7 +295,7 @@ def test_another_pass_is_run_where_it_pays():
     assert not _another_pass(problem, run, np.inf, 1)
     assert _another_pass(problem, run, SETTLED + 0.01, 2)
     assert not _another_pass(problem, run, SETTLED - 0.01, 2)
-    assert not _another_pass(problem, run, NEAR, 10)  # enough
+    assert not _another_pass(problem, run, NEAR, MAX_PASSES)  # enough
     cubic = replace(problem, settings=CalibrationSettings(polynomial_order=3))
     assert _another_pass(cubic, run, 0.0, 1)
     blind = replace(problem, reference=replace(problem.reference, quaternions=None))
