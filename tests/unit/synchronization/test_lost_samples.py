@@ -13,6 +13,7 @@ from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
+from kreisel.study.situations import random_situation
 from kreisel.validation.checks import check_streams
 
 SECONDS, INTERVAL = 60.0, 5_000_000
@@ -65,6 +66,15 @@ def test_a_few_are_found_near_their_places(lost):
 
 def test_nothing_is_found_where_nothing_is_lost():
     found = prepared(without([])[0])
+    assert told(found) == []
+    assert found.reference.doubtful is None
+
+
+def test_what_may_lie_anywhere_is_a_ratio_of_the_clocks():
+    """Gyros err by a degree per second: six lost samples had been found, of which no place was sure."""
+    situation = random_situation(78693)
+    recording = simulate(Cell.model_validate({**situation.cell, "seed": 78693}), Path("run"))[1]
+    found = prepared(check_streams(recording))
     assert told(found) == []
     assert found.reference.doubtful is None
 
