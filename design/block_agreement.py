@@ -36,7 +36,6 @@ from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.layout import with_coloured_noise
 from kreisel.model.parameters import PASSING_GROUPS
 from kreisel.model.problem import Problem, part_of, with_groups, without_groups
-from kreisel.model.schedule import Update
 from kreisel.refinement.effect_selection import Survey, survey
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
@@ -140,7 +139,7 @@ def independent(problem: Problem, blocks: Blocks) -> Problem:
     """Return the problem in which nothing passes from block to block."""
     updates = list(problem.schedule.updates)
     for k in blocks.ends[:-1].tolist():
-        updates[k] = begun_anew(updates[k])
+        updates[k] = updates[k].begun_anew()
     steady = without_groups(problem, tuple(group for group in PASSING_GROUPS if group in problem.layout))
     walks = dict.fromkeys(steady.noise.offset_walk, 0.0)
     own, reference = steady.noise.pose_error, steady.noise.reference
@@ -159,17 +158,10 @@ def independent(problem: Problem, blocks: Blocks) -> Problem:
 def without(problem: Problem, begin: int, end: int) -> Problem:
     """Return the problem without some updates: navigation begins anew after them."""
     updates, attitude = list(problem.schedule.updates), problem.schedule.attitude
-    later = [begun_anew(update) if k == 0 else update for k, update in enumerate(updates[end:])]
+    later = [update.begun_anew() if k == 0 else update for k, update in enumerate(updates[end:])]
     kept = np.r_[0:begin, end : len(updates)]
     schedule = replace(problem.schedule, updates=(*updates[:begin], *later), attitude=attitude[kept])
     return replace(problem, schedule=schedule)
-
-
-def begun_anew(update: Update) -> Update:
-    """Return the update with which navigation begins, and errors of poses are drawn again."""
-    if update.new_segment:
-        return update
-    return replace(update, first=update.last, new_segment=True, new_standstill=True)
 
 
 def compared(problem: Problem, blocks: Blocks, fit: Fit, near: Fit) -> tuple[Array, Array]:

@@ -21,6 +21,7 @@ calibrations of random physics without joint angles they were 1.0 and 0.9, acros
 was half of the usual for the arm, errors across z were 1.8."""
 
 _ALIKE = (1.0, 1.0, 1.0)
+"""The same for errors that know no axis of the tool."""
 
 
 def repeatability_columns(problem: Problem, parameters: CellParameters) -> Array:

@@ -286,8 +286,7 @@ def with_correlation_time(problem: Problem, time: float) -> Problem:
 def part_of(problem: Problem, part: slice) -> Problem:
     """Return the problem of a part of the updates."""
     updates = list(problem.schedule.updates[part])
-    first = updates[0]
-    updates[0] = replace(first, first=first.last, new_segment=True, new_standstill=first.standstill is not None)
+    updates[0] = updates[0].begun_anew()
     schedule = replace(problem.schedule, updates=tuple(updates), attitude=problem.schedule.attitude[part])
     return replace(problem, schedule=schedule)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,6 +37,10 @@ class Update:
     standstill: int | None
     new_standstill: bool
     new_segment: bool
+
+    def begun_anew(self) -> Update:
+        """Return the update as the first of those that navigation starts with."""
+        return replace(self, first=self.last, new_segment=True, new_standstill=self.standstill is not None)
 
 
 @dataclass(frozen=True)

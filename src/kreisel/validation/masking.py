@@ -186,10 +186,10 @@ def resolution(steps: Array) -> Array:
     Parameters
     ----------
     steps : (n, channels)
-        Sizes of the steps from sample to sample. Of many some are enough.
+        Sizes of the steps from sample to sample.
     """
     smallest = []
-    for channel in steps[:: max(1, len(steps) // _ENOUGH)].T:
+    for channel in _some(steps).T:
         real = channel[channel > 1e-9 * channel.max()]
         smallest.append(float(np.percentile(real, 1)) if real.size else 0.0)
     return np.array(smallest)
@@ -328,9 +328,13 @@ def _chunks(imu: ImuSamples) -> Iterator[_Chunk]:
 
 
 def _usual(steps: Array, share: float) -> Array:
-    """Return a percentile of the steps that are not zero, (channels,); of many steps some are enough."""
-    steps = steps[:: max(1, len(steps) // _ENOUGH)]
-    return np.array([float(np.percentile(x[x > 0.0], share)) if (x > 0.0).any() else 0.0 for x in steps.T])
+    """Return a percentile of the steps that are not zero, (channels,)."""
+    return np.array([float(np.percentile(x[x > 0.0], share)) if (x > 0.0).any() else 0.0 for x in _some(steps).T])
+
+
+def _some(steps: Array) -> Array:
+    """Return the steps; of many some, which are enough."""
+    return steps[:: max(1, len(steps) // _ENOUGH)]
 
 
 def _saturated(chunk: _Chunk) -> Iterator[_Fault]:

@@ -100,8 +100,7 @@ def test_errors_of_poses_last_where_navigation_begins_anew(near, row):
     """Coloured noise is the reference's: what the run knows of it is kept over a gap of the readings."""
     problem = with_correlation_time(camera_problem(), 3.0)
     updates = [
-        replace(update, first=update.last, new_segment=True) if k in (60, 100, 140) else update
-        for k, update in enumerate(problem.schedule.updates)
+        update.begun_anew() if k in (60, 100, 140) else update for k, update in enumerate(problem.schedule.updates)
     ]
     problem = replace(problem, schedule=replace(problem.schedule, updates=tuple(updates)))
     slopes = Slopes(problem)
