@@ -10,6 +10,7 @@
 #include "quadrature.hpp"
 #include "recursions.hpp"
 #include "rotation_fit.hpp"
+#include "slope_recursions.hpp"
 #include "strapdown_pass.hpp"
 #include "table.hpp"
 #include "unit_forces.hpp"
@@ -135,6 +136,38 @@ EXPORTED int KREISEL(drive_oscillators)(ConstTable step, ConstNumbers now, Const
 EXPORTED int KREISEL(gauss_markov)(ConstNumbers keep, ConstTable white, Table out) {
     gauss_markov(keep, white, out);
     return DONE;
+}
+
+EXPORTED int KREISEL(carry_terms)(
+    ConstStack transition, ConstStack design, ConstStack gain, ConstTable keep, ConstTable functions, ConstTable moments,
+    Indices function, Indices place, Indices direction, Indices axis, ConstStack seen, ConstStack axes, ConstStack axes_seen,
+    Index position, Table state, Stack predictions
+) {
+    return guarded([&] {
+        Workspace memory;
+        carry_terms(
+            {transition, design, gain, keep},
+            {functions, moments, function, place, direction, axis, seen, axes, axes_seen, position}, state, predictions, memory);
+    });
+}
+
+EXPORTED int KREISEL(carry_innovations)(
+    ConstStack transition, ConstStack design, ConstStack gain, ConstTable keep, Stack innovations, Table state
+) {
+    return guarded([&] {
+        Workspace memory;
+        carry_innovations({transition, design, gain, keep}, innovations, state, memory);
+    });
+}
+
+EXPORTED int KREISEL(carry_back)(
+    ConstStack transition, ConstStack design, ConstStack gain, ConstTable keep, Stack weights, Indices rows_after, Stack after,
+    Indices rows_before, Stack before, Table state
+) {
+    return guarded([&] {
+        Workspace memory;
+        carry_back({transition, design, gain, keep}, weights, rows_after, after, rows_before, before, state, memory);
+    });
 }
 
 EXPORTED int KREISEL(strapdown_pass)(

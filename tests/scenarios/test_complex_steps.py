@@ -47,14 +47,13 @@ def test_derivatives_are_those_of_complex_steps():
     layout, slopes = problem.layout, Slopes(problem, np.arange(problem.layout.degrees))
     run_filter(problem, problem.prior.start, belief=belief, gate=np.inf, slopes=slopes, points=DERIVATIVES)
     at = 4
-    slope = next(slope for slope in slopes if slope.number == at)
-    mean = list(slopes.before())[::-1][at][0]
+    (own,) = slopes.stretches(at, at + 1)
+    mean, whitening = own.mean[0], own.whitening[0]
     state = {GROUPS[name]: mean[layout.stored(name)] for name in GROUPS}
     state |= {key: np.reshape(value, plain_filter.SHAPES[key]) for key, value in state.items()}
     update = problem.schedule.updates[at]
-    c = layout.degrees - slopes.moving.start
-    pose = np.linalg.solve(slope.whitening[:6, :6], slope.slopes[c : c + 6])
-    ours = np.concatenate([slope.slopes[c - 9 : c], pose])
+    pose = np.linalg.solve(whitening[:6, :6], own.tables.design[0, :6])
+    ours = np.concatenate([own.tables.transition[0, -9:], pose])
     worst = {}
     for name, theirs in GROUPS.items():
         if name == "alignment":

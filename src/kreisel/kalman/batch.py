@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel._kernels.slope_recursions import carry_back
 from kreisel.estimation.belief import Belief
 from kreisel.estimation.sigma_points import DERIVATIVES
 from kreisel.fitting.blocks import Blocks
@@ -177,17 +178,14 @@ def smoothed(problem: Problem, run: Fit, slopes: Slopes) -> Array:
     The modified Bryson-Frazier smoother (Bierman 1973): the derivative of the log-likelihood of all that follows by the
     state before an update, times its covariance, is what that adds to its mean.
     """
-    layout, moving, changing = problem.layout, slopes.moving, slopes.varying
+    layout, changing = problem.layout, slopes.varying
     means, changes = np.empty((slopes.count, layout.size)), np.zeros((slopes.count, layout.degrees))
-    after = np.zeros(layout.degrees)
-    for slope, (mean, covariance) in zip(reversed(slopes), slopes.before(), strict=True):
-        of_prediction = slope.innovation - slope.gain @ after if slope.used else np.zeros(slope.innovation.size)
-        before = slope.slopes.T @ np.concatenate([after[moving], of_prediction])
-        before[: moving.start] += after[: moving.start]
-        means[slope.number] = mean
-        changes[slope.number, changing] = covariance @ before  # equation (31)
-        slopes.between(slope.number, before)
-        after = before
+    state, every, none = np.zeros((layout.degrees, 1)), np.arange(layout.degrees), np.zeros(0, dtype=np.int64)
+    for stretch in reversed([*slopes.stretches()]):
+        own, weights = stretch.numbers, stretch.innovations[:, :, None].copy()
+        _, before = carry_back(stretch.tables, weights, state, after=none, before=every)
+        means[own] = stretch.mean
+        changes[own, changing] = (stretch.covariance @ before)[:, :, 0]  # equation (31)
     out = np.tile(run.belief.mean, (slopes.count, 1))
     for part in layout:
         if _varies(problem, part.name):

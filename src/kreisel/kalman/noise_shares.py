@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel._kernels.slope_recursions import carry_back
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
@@ -36,32 +37,32 @@ def variance_of_reference(problem: Problem, run: Fit, slopes: Slopes, known: Eli
     in_motion = np.array([coloured.position, coloured.orientation]) ** 2 - of_arm
     out = {Source.PATH: np.zeros(n), Source.STANDSTILL: np.zeros(n), Source.ROBOT: np.zeros(n)}
     exchange = np.linalg.solve(known.information, known.run)
-    after = np.zeros((slopes.degrees, n))
-    after[:n] = (known.scale[:, None] * exchange / known.scale).T
-    moving = slopes.moving
-    for slope in reversed(slopes):
-        i = slope.number
-        by_whitened = slope.gain @ after
-        by_measured = slope.whitening.T @ by_whitened
-        source = Source.STANDSTILL if still[i] else Source.PATH
-        out[source] += measured[i] @ by_measured**2
-        before = slope.slopes.T @ np.vstack([after[moving], -by_whitened])
-        before[: moving.start] += after[: moving.start]
+    derivatives = np.zeros((slopes.degrees, n))
+    derivatives[:n] = (known.scale[:, None] * exchange / known.scale).T
+    groups = [group for kind in _PARTS for group in kind if group in layout]
+    places = {group: slice(3 * i, 3 * i + 3) for i, group in enumerate(groups)}
+    degrees = np.array([d for group in groups for d in range(layout[group].start, layout[group].stop)], dtype=np.int64)
+    for stretch in reversed([*slopes.stretches()]):
+        own = stretch.numbers
+        weights = np.zeros((len(stretch.used), stretch.whitening.shape[1], n))
+        after, before = carry_back(stretch.tables, weights, derivatives, after=degrees, before=degrees)
+        by_measured = -(stretch.whitening.swapaxes(1, 2) @ weights)
+        for source, which in ((Source.STANDSTILL, still[own]), (Source.PATH, ~still[own])):
+            out[source] += np.einsum("ui,uin->n", measured[own][which], by_measured[which] ** 2)
+        begins = slopes.new_standstill[own].copy()
+        begins[: 1 if own.start == 0 else 0] = True
         for kind, (at_standstill, on_path) in enumerate(_PARTS):
-            if at_standstill in layout and (slopes.new_standstill[i] or i == 0):
-                squares = np.sum(before[layout[at_standstill]] ** 2, axis=0)
+            if at_standstill in places:
+                squares = np.einsum("uin,uin->n", *2 * [before[begins, places[at_standstill]]])
                 out[Source.STANDSTILL] += at_rest[kind] * squares
                 out[Source.ROBOT] += of_arm[kind] * squares
-            if on_path in layout:
-                ended = after[layout[on_path]]
-                if not still[i]:  # at standstill it is not a part of what is measured
-                    ended = ended - by_measured[3 * kind : 3 * kind + 3]
-                fresh = -np.expm1(-2.0 * slopes.seconds[i] / coloured.time)
-                squares = fresh * np.sum(ended**2, axis=0)
-                if i in starts:
-                    squares += np.sum(before[layout[on_path]] ** 2, axis=0)
+            if on_path in places:
+                ended = after[:, places[on_path]]
+                # at standstill it is not a part of what is measured
+                ended -= np.where(still[own, None, None], 0.0, by_measured[:, 3 * kind : 3 * kind + 3])
+                fresh = -np.expm1(-2.0 * slopes.seconds[own] / coloured.time)
+                squares = np.einsum("u,uin,uin->n", fresh, ended, ended)
+                squares += np.einsum("uin,uin->n", *2 * [before[starts[own], places[on_path]]])
                 out[Source.PATH] += in_motion[kind] * squares
                 out[Source.ROBOT] += of_arm[kind] * squares
-        slopes.between(i, before)
-        after = before
     return out

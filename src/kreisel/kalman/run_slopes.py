@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from kreisel._kernels.filter_arguments import Record
+from kreisel._kernels.slope_recursions import SlopeTables
 from kreisel.fitting.terms import OFFSET_ROWS
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.model.layout import NAVIGATION, STANDSTILL_ERROR
@@ -15,32 +17,36 @@ from kreisel.model.problem import Problem
 
 
 @dataclass(frozen=True)
-class Slope:
-    """One update; see `filter_arguments.Record`.
+class Stretch:
+    """Updates one after another, with their slopes.
 
     Attributes
     ----------
-    number
-        Of the update.
-    slopes : (c + 9, n)
-        Transition of the c degrees of freedom that move, above the design.
-    gain : (9, n)
-        Transposed, what the whitened innovation adds to the state.
-    whitening : (9, 9)
-    innovation : (9,)
+    numbers
+        Of the updates in the run.
+    tables
+        Their slopes; see `slope_recursions.SlopeTables`.
+    whitening : (k, 9, 9)
+    innovations : (k, 9)
         Whitened; zero for what is not measured, and where it was not used.
-    measured : (9,)
-        Which numbers of the innovation are.
-    used
+    counted : (k, 9)
+        Which numbers of the innovations were measured and used.
+    mean : (k, size), covariance : (k, s, n)
+        Before each update, the mean and the covariance of what varies with all; without rows if they are not recorded.
     """
 
-    number: int
-    slopes: Array
-    gain: Array
+    numbers: slice
+    tables: SlopeTables
     whitening: Array
-    innovation: Array
-    measured: Mask
-    used: bool
+    innovations: Array
+    counted: Mask
+    mean: Array
+    covariance: Array
+
+    @property
+    def used(self) -> Mask:
+        """Which updates were used."""
+        return np.asarray(self.counted.any(axis=1))
 
 
 class Slopes:
@@ -59,7 +65,7 @@ class Slopes:
         fading = problem.noise.gauss_markov
         self._fading = [(places[group], 1.0 / process.time) for group, process in fading.items() if group in layout]
         self.seconds = np.array([float(stamps[update.last] - stamps[update.first]) for update in updates])
-        self.new_standstill = [update.new_standstill for update in updates]
+        self.new_standstill = np.array([update.new_standstill for update in updates], dtype=bool)
         self._records: list[Record] = []
         self._begin: list[int] = []
         self._restarts: set[int] = set()
@@ -74,50 +80,44 @@ class Slopes:
         self._restarts.add(at)
 
     @property
-    def starts(self) -> set[int]:
-        """Updates before which navigation began anew, and the first."""
-        return {0, *self._restarts}
+    def starts(self) -> Mask:
+        """Before which updates navigation began anew, and the first, (u,)."""
+        out = np.zeros(self.count, dtype=bool)
+        out[[0, *self._restarts]] = True
+        return out
 
-    def __iter__(self) -> Iterator[Slope]:
-        for record, begin in zip(self._records, self._begin, strict=True):
-            for k in range(record.nis.size):
-                yield _slope(record, begin, k)
-
-    def __reversed__(self) -> Iterator[Slope]:
-        for record, begin in zip(reversed(self._records), reversed(self._begin), strict=True):
-            for k in reversed(range(record.nis.size)):
-                yield _slope(record, begin, k)
-
-    def measured(self) -> Array:
-        """Return which whitened innovations there are, as ones and zeros, (u, 9)."""
-        return np.concatenate([np.isfinite(r.whitened) * r.used[:, None] for r in self._records]).astype(float)
-
-    def before(self) -> Iterator[tuple[Array, Array]]:
-        """Yield mean (size,), and covariance (s, n) of what varies with all, before each update, from the last on."""
-        for record in reversed(self._records):
-            for k in reversed(range(record.nis.size)):
-                yield record.before[k], record.covariance[k]
-
-    def between(self, number: int, changes: Array) -> None:
-        """Let changes of the state (n, k) after the update before `number` become those before its motion; or back.
-
-        All that happens there keeps a part of each degree of freedom, so that the transposed is the same.
-        """
-        if number in self._restarts:
-            for part in self._navigation:
-                changes[part] = 0.0
+    @cached_property
+    def keep(self) -> Array:
+        """The part of each degree of freedom after an update that is kept before the motion of the next, (u, n)."""
+        out = np.ones((self.count, self.degrees))
         for part, rate in self._fading:
-            changes[part] *= np.exp(-rate * self.seconds[number])
-        if self.new_standstill[number]:
-            for part in self._standstill:
-                changes[part] = 0.0
+            out[:, part] *= np.exp(-rate * self.seconds)[:, None]
+        for part in self._standstill:
+            out[self.new_standstill, part] = 0.0
+        for part in self._navigation:
+            out[sorted(self._restarts), part] = 0.0
+        return out
 
+    def stretches(self, begin: int = 0, end: int | None = None) -> Iterator[Stretch]:
+        """Yield the updates from number `begin` to before `end`, in pieces."""
+        end = self.count if end is None else end
+        for record, first in zip(self._records, self._begin, strict=True):
+            own = slice(max(begin - first, 0), max(min(end - first, record.nis.size), 0))
+            if own.start < own.stop:
+                yield self._stretch(record, first, own)
 
-def _slope(record: Record, begin: int, k: int) -> Slope:
-    measured, used = np.isfinite(record.whitened[k]), bool(record.used[k])
-    innovation = np.where(measured, record.whitened[k], 0.0) if used else np.zeros(measured.size)
-    slopes = np.concatenate([record.transition[k], record.design[k]])
-    return Slope(begin + k, slopes, record.gain[k], record.whitening[k], innovation, measured, used)
+    def _stretch(self, record: Record, first: int, own: slice) -> Stretch:
+        numbers = slice(first + own.start, first + own.stop)
+        counted = np.isfinite(record.whitened[own]) & record.used[own, None]
+        return Stretch(
+            numbers,
+            SlopeTables(record.transition[own], record.design[own], record.gain[own], self.keep[numbers]),
+            record.whitening[own],
+            np.where(counted, record.whitened[own], 0.0),
+            counted,
+            record.before[own],
+            record.covariance[own],
+        )
 
 
 def offsets(problem: Problem) -> tuple[Indices, Indices]:

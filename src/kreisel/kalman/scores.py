@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel._kernels.slope_recursions import carry_back, carry_innovations
 from kreisel.fitting.terms import ACCEL_ROWS, POSE_ROWS, Scores, Terms
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.kalman.elimination import Elimination
@@ -52,7 +53,7 @@ def gradients(problem: Problem, slopes: Slopes, known: Elimination, walking: Ind
     walking (n,): degrees of freedom whose increments are wanted.
     """
     rng = np.random.default_rng(_SEED)
-    measured, n = slopes.measured(), known.scale.size
+    measured, n = np.concatenate([s.counted for s in slopes.stretches()]), known.scale.size
     noise = rng.standard_normal((slopes.count, 9, DRAWS)) * measured[:, :, None]
     moved = _estimates(slopes, noise)[:n]
     own = known.step(known.to_begun, known.to_prior)[:, None]
@@ -65,11 +66,8 @@ def gradients(problem: Problem, slopes: Slopes, known: Elimination, walking: Ind
 def _estimates(slopes: Slopes, noise: Array) -> Array:
     """Return what whitened innovations (u, 9, r) make of the last estimate, (n, r)."""
     state = np.zeros((slopes.degrees, noise.shape[2]))
-    moving = slopes.moving.stop - slopes.moving.start
-    for slope in slopes:
-        slopes.between(slope.number, state)
-        state[slopes.moving] = slope.slopes[:moving] @ state
-        state += slope.gain.T @ noise[slope.number]
+    for stretch in slopes.stretches():
+        carry_innovations(stretch.tables, noise[stretch.numbers], state)
     return state
 
 
@@ -80,23 +78,17 @@ def _back(problem: Problem, slopes: Slopes, noise: Array, end: Array, walking: I
         np.zeros((u, 6, columns)), np.zeros((u, 3, columns)), np.zeros((u, 6, columns)),
         np.zeros((u, walking.size, columns)),
     )  # fmt: skip
-    moving, position = slopes.moving, slice(slopes.position, slopes.position + 3)
-    after = end
-    weights = np.empty((9, columns))
-    for slope in reversed(slopes):
-        i = slope.number
-        weights[:, 0], weights[:, 1:] = slope.innovation, noise[i]
-        of_prediction = weights - slope.gain @ after  # equation (30)
-        if not slope.used:
-            of_prediction[:] = 0.0
-        found.position[i] = after[position] + slope.whitening[:, :3].T @ of_prediction
-        found.poses[i] = -slope.whitening[:, : len(POSE_ROWS)].T @ of_prediction
-        before = slope.slopes.T @ np.vstack([after[moving], of_prediction])
-        found.readings[i, rows] = before[places]
-        before[: moving.start] += after[: moving.start]
-        found.increments[i] = before[walking]
-        slopes.between(i, before)
-        after = before
+    position = slopes.position + np.arange(3)
+    first, second = np.concatenate([position, places]), np.concatenate([places, walking])
+    for stretch in reversed([*slopes.stretches()]):
+        own, W = stretch.numbers, stretch.whitening.swapaxes(1, 2)
+        weights = np.concatenate([stretch.innovations[:, :, None], noise[own]], axis=2)  # equation (30)
+        after, before = carry_back(stretch.tables, weights, end, after=first, before=second)
+        found.position[own] = after[:, :3] + W[:, :3] @ weights
+        found.poses[own] = -(W[:, : len(POSE_ROWS)] @ weights)
+        # an offset stays after the update, what is added to its readings does not
+        found.readings[own, rows] = before[:, : places.size] - after[:, 3:]
+        found.increments[own] = before[:, places.size :]
     return found
 
 

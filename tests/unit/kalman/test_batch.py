@@ -26,22 +26,20 @@ def by_smoothing_of_neighbours(problem, slopes):
     From whole covariances before and after each update, which the filter does not keep: they are computed here again.
     """
     n, moving = problem.layout.degrees, slopes.moving
-    before = list(reversed([cov for _, cov in slopes.before()]))
+    (run,) = slopes.stretches()
+    before, (transition, design, gains, keep) = run.covariance, run.tables
     out = np.zeros((slopes.count, n))
     later = np.zeros(n)
-    for slope in reversed(list(slopes)):
-        i = slope.number
+    for i in reversed(range(slopes.count)):
         P = before[i]
-        gain = slope.gain
+        gain = gains[i]
         F = np.eye(n)
-        F[moving] = slope.slopes[: moving.stop - moving.start]
-        H = slope.slopes[moving.stop - moving.start :]
-        own = P @ H.T @ slope.innovation
+        F[moving] = transition[i]
+        H = design[i]
+        own = P @ H.T @ run.innovations[i]
         if i + 1 < slopes.count:
-            keep = np.ones((n, 1))
-            slopes.between(i + 1, keep)
             after = before[i + 1]
-            cross = P @ (F - gain.T @ H).T * keep[:, 0]
+            cross = P @ (F - gain.T @ H).T * keep[i + 1]
             own = own + cross @ np.linalg.pinv(after, rcond=1e-13, hermitian=True) @ later
         out[i], later = own, own
     return out
@@ -56,8 +54,8 @@ def test_states_are_those_of_another_smoother():
     run = run_filter(problem, fit.start, belief=fit.begun, gate=np.inf, slopes=slopes, points="derivatives")
     found = smoothed(problem, run, slopes)
     wanted = by_smoothing_of_neighbours(problem, slopes)
-    means = list(reversed([mean for mean, _ in slopes.before()]))
-    spread = list(reversed([cov for _, cov in slopes.before()]))
+    (whole,) = slopes.stretches()
+    means, spread = whole.mean, whole.covariance
     changes = varying(problem)
     worst = 0.0
     for i, mean in enumerate(means):

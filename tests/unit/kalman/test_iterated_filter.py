@@ -31,9 +31,10 @@ def by_gauss_newton(problem, begun, iterations):
         run = run_filter(
             problem, problem.prior.start, belief=begun, gate=np.inf, slopes=slopes, points=DERIVATIVES, about=about
         )
-        slope, ((mean, P), (begin, _)) = list(slopes)[1], list(slopes.before())
-        H = slope.slopes[layout.degrees - slopes.moving.start :]
-        about = np.stack([begin, layout.plus(mean, (P @ H.T @ slope.innovation)[:, None])[:, 0]])
+        (both,) = slopes.stretches()
+        begin, mean = both.mean
+        change = both.covariance[1] @ both.tables.design[1].T @ both.innovations[1]
+        about = np.stack([begin, layout.plus(mean, change[:, None])[:, 0]])
     return run.belief
 
 

@@ -1,0 +1,178 @@
+/// What many small changes of a filter's state do over recorded updates, and the adjoint of that.
+#pragma once
+
+#include "arrays.hpp"
+#include "workspace.hpp"
+
+namespace {
+
+/// Add to WIDE lanes of ROWS rows of `out` a sign times rows of `a` times `x`: strides say where numbers of `a` lie.
+template <int ROWS, int WIDE>
+inline void add_block(
+    const double *a, Index by_row, Index by_inner, Index inner, double sign, const double *x, double *out, Index stride
+) {
+    Lanes sums[ROWS][WIDE];
+    for (auto &row : sums) {
+        for (Lanes &lanes : row) lanes = 0.0;
+    }
+    for (Index k = 0; k < inner; k++) {
+        Lanes own[WIDE];
+        for (int w = 0; w < WIDE; w++) own[w] = load(x + k * stride + w * LANES);
+        for (int i = 0; i < ROWS; i++) {
+            const Lanes factor = a[i * by_row + k * by_inner];
+            for (int w = 0; w < WIDE; w++) sums[i][w] += factor * own[w];
+        }
+    }
+    for (int i = 0; i < ROWS; i++) {
+        for (int w = 0; w < WIDE; w++) {
+            double *at = out + i * stride + w * LANES;
+            store(load(at) + sign * sums[i][w], at);
+        }
+    }
+}
+
+template <int ROWS>
+inline void add_rows(const double *a, Index by_row, Index by_inner, double sign, Columns x, double *out) {
+    const Index stride = x.columns;
+    Index s = 0;
+    for (; s + 2 * LANES <= stride; s += 2 * LANES) {
+        add_block<ROWS, 2>(a, by_row, by_inner, x.rows, sign, x.data + s, out + s, stride);
+    }
+    if (s < stride) add_block<ROWS, 1>(a, by_row, by_inner, x.rows, sign, x.data + s, out + s, stride);
+}
+
+/// Add to `out` a sign times the matrix of which entry (i, k) is a[i * by_row + k * by_inner] times `x`.
+inline void add_product(const double *a, Index by_row, Index by_inner, double sign, Columns x, Columns out) {
+    Index i = 0;
+    for (; i + 6 <= out.rows; i += 6) add_rows<6>(a + i * by_row, by_row, by_inner, sign, x, out.row(i));
+    for (; i + 3 <= out.rows; i += 3) add_rows<3>(a + i * by_row, by_row, by_inner, sign, x, out.row(i));
+    for (; i < out.rows; i++) add_rows<1>(a + i * by_row, by_row, by_inner, sign, x, out.row(i));
+}
+
+inline void add_product(ConstTable a, double sign, Columns x, Columns out) {
+    add_product(a.data, a.columns, 1, sign, x, out);
+}
+
+inline void add_transposed_product(ConstTable a, double sign, Columns x, Columns out) {
+    add_product(a.data, 1, a.columns, sign, x, out);
+}
+
+/// Keep of each row of a state what its factor says.
+inline void keep_rows(const double *factors, Columns state) {
+    for (Index i = 0; i < state.rows; i++) {
+        if (factors[i] == 1.0) continue;
+        for (Index j = 0; j < state.columns; j++) state(i, j) *= factors[i];
+    }
+}
+
+/// Slopes of updates: transition (u, c, n), design and gain (u, q, n), and what is kept before each update (u, n).
+struct SlopeTables {
+    ConstStack transition, design, gain;
+    ConstTable keep;
+
+    Index count() const { return keep.rows; }
+    Index degrees() const { return keep.columns; }
+    Index held() const { return keep.columns - transition.rows; }  ///< degrees of freedom that do not move
+};
+
+/// Terms: functions (u, f) and double integrals (u or 0, f) of them; which function a term has, and what it adds to: a
+/// degree of freedom while the update lasts, a direction of poses, an accelerometer's axis; -1 for nothing. A unit of a
+/// direction changes the whitened prediction by `seen` (u, q, d), one of an axis the position by `axes` (u, 3, 3), which is
+/// seen as `axes_seen` (u, q, 3).
+struct SlopeTerms {
+    ConstTable functions, moments;
+    Indices function, place, direction, axis;
+    ConstStack seen, axes, axes_seen;
+    Index position;
+};
+
+/// Add the amounts of terms to what they change while an update lasts, or subtract them.
+inline void add_during(const SlopeTerms &terms, const double *values, double sign, Columns state) {
+    for (Index j = 0; j < terms.place.count; j++) {
+        if (terms.place[j] >= 0) state(terms.place[j], j) += sign * values[terms.function[j]];
+    }
+}
+
+/// Carry derivatives of the state by terms, (n, m), over updates; write those of the whitened predictions (u, q, m).
+inline void carry_terms(const SlopeTables &slopes, const SlopeTerms &terms, Table state, Stack predictions, Workspace &memory) {
+    const Index n = slopes.degrees(), c = slopes.transition.rows, q = slopes.design.rows, m = state.columns;
+    const Columns own = memory.zeros(n, m), moved = memory.columns(c, m), seen = memory.columns(q, m);
+    copy(state, own, n, m);
+    for (Index k = 0; k < slopes.count(); k++) {
+        const double *values = terms.functions.row(k);
+        keep_rows(slopes.keep.row(k), own);
+        add_during(terms, values, 1.0, own);
+        fill(moved, 0.0);
+        fill(seen, 0.0);
+        add_product(slopes.transition[k], 1.0, own, moved);
+        add_product(slopes.design[k], 1.0, own, seen);
+        add_during(terms, values, -1.0, own);
+        copy(moved, own.rows_from(n - c, c), c, moved.columns);
+        for (Index j = 0; j < m; j++) {
+            if (terms.direction[j] >= 0) {
+                const ConstTable by = terms.seen[k];
+                for (Index r = 0; r < q; r++) seen(r, j) += by(r, terms.direction[j]) * values[terms.function[j]];
+            }
+            if (terms.axis[j] >= 0 && terms.moments.rows) {
+                const ConstTable axes = terms.axes[k], by = terms.axes_seen[k];
+                const double moment = terms.moments(k, terms.function[j]);
+                for (Index r = 0; r < 3; r++) own(terms.position + r, j) += axes(r, terms.axis[j]) * moment;
+                for (Index r = 0; r < q; r++) seen(r, j) += by(r, terms.axis[j]) * moment;
+            }
+        }
+        copy(seen, predictions[k], q, m);
+        add_transposed_product(slopes.gain[k], -1.0, seen, own);
+    }
+    copy(own, state, n, m);
+}
+
+/// Carry what whitened innovations (u, q, m) make of the state, (n, m), over updates.
+inline void carry_innovations(const SlopeTables &slopes, Stack innovations, Table state, Workspace &memory) {
+    const Index n = slopes.degrees(), c = slopes.transition.rows, q = slopes.gain.rows, m = state.columns;
+    const Columns own = memory.zeros(n, m), moved = memory.columns(c, m), given = memory.zeros(q, m);
+    copy(state, own, n, m);
+    for (Index k = 0; k < slopes.count(); k++) {
+        keep_rows(slopes.keep.row(k), own);
+        fill(moved, 0.0);
+        add_product(slopes.transition[k], 1.0, own, moved);
+        copy(moved, own.rows_from(n - c, c), c, moved.columns);
+        copy(innovations[k], given, q, m);
+        add_transposed_product(slopes.gain[k], 1.0, given, own);
+    }
+    copy(own, state, n, m);
+}
+
+/// Rows of a state that are written down at each update.
+inline void note_rows(Columns state, Indices rows, Table out) {
+    for (Index i = 0; i < rows.count; i++) std::memcpy(out.row(i), state.row(rows[i]), out.columns * sizeof(double));
+}
+
+/// Carry derivatives of m quantities by the state, (n, m), back over updates: those after the last become those before the
+/// first.
+///
+/// weights (u, q, m), written: in, the quantities' derivatives by the whitened innovations alone; out, by the whitened
+/// predictions, with all that follows. after, before (u, r, m): rows of the derivatives after and before each update.
+inline void carry_back(
+    const SlopeTables &slopes, Stack weights, Indices rows_after, Stack after, Indices rows_before, Stack before, Table state,
+    Workspace &memory
+) {
+    const Index n = slopes.degrees(), c = slopes.transition.rows, q = slopes.gain.rows, m = state.columns;
+    const Columns own = memory.zeros(n, m), moving = memory.columns(c, m), seen = memory.zeros(q, m);
+    copy(state, own, n, m);
+    for (Index k = slopes.count() - 1; k >= 0; k--) {
+        note_rows(own, rows_after, after[k]);
+        copy(weights[k], seen, q, m);
+        add_product(slopes.gain[k], -1.0, own, seen);
+        copy(seen, weights[k], q, m);
+        const Columns last = own.rows_from(n - c, c);
+        copy(last, moving, c, own.columns);
+        fill(last, 0.0);
+        add_transposed_product(slopes.transition[k], 1.0, moving, own);
+        add_transposed_product(slopes.design[k], 1.0, seen, own);
+        note_rows(own, rows_before, before[k]);
+        keep_rows(slopes.keep.row(k), own);
+    }
+    copy(own, state, n, m);
+}
+
+}  // namespace
