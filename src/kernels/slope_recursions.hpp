@@ -72,7 +72,6 @@ struct SlopeTables {
 
     Index count() const { return keep.rows; }
     Index degrees() const { return keep.columns; }
-    Index held() const { return keep.columns - transition.rows; }  ///< degrees of freedom that do not move
 };
 
 /// Terms: functions (u, f) and double integrals (u or 0, f) of them; which function a term has, and what it adds to: a

@@ -53,7 +53,7 @@ def variance_of_reference(problem: Problem, run: Fit, slopes: Slopes, known: Eli
         begins[: 1 if own.start == 0 else 0] = True
         for kind, (at_standstill, on_path) in enumerate(_PARTS):
             if at_standstill in places:
-                squares = np.einsum("uin,uin->n", *2 * [before[begins, places[at_standstill]]])
+                squares = np.sum(before[begins, places[at_standstill]] ** 2, axis=(0, 1))
                 out[Source.STANDSTILL] += at_rest[kind] * squares
                 out[Source.ROBOT] += of_arm[kind] * squares
             if on_path in places:
@@ -61,8 +61,8 @@ def variance_of_reference(problem: Problem, run: Fit, slopes: Slopes, known: Eli
                 # at standstill it is not a part of what is measured
                 ended -= np.where(still[own, None, None], 0.0, by_measured[:, 3 * kind : 3 * kind + 3])
                 fresh = -np.expm1(-2.0 * slopes.seconds[own] / coloured.time)
-                squares = np.einsum("u,uin,uin->n", fresh, ended, ended)
-                squares += np.einsum("uin,uin->n", *2 * [before[starts[own], places[on_path]]])
+                squares = fresh @ np.sum(ended**2, axis=1)
+                squares += np.sum(before[starts[own], places[on_path]] ** 2, axis=(0, 1))
                 out[Source.PATH] += in_motion[kind] * squares
                 out[Source.ROBOT] += of_arm[kind] * squares
     return out

@@ -57,7 +57,6 @@ class Slopes:
         self.varying = np.zeros(0, dtype=np.int64) if varying is None else varying
         layout, updates, stamps = problem.layout, problem.schedule.updates, problem.sensor.readings.stamps
         self.degrees, self.count = layout.degrees, len(updates)
-        self.moving = slice(layout.degrees - problem.changing, layout.degrees)
         self.position = layout["position"].start
         places = {part.name: layout[part.name] for part in layout}
         self._navigation = [places[part.name] for part in NAVIGATION]

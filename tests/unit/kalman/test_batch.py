@@ -25,7 +25,7 @@ def by_smoothing_of_neighbours(problem, slopes):
 
     From whole covariances before and after each update, which the filter does not keep: they are computed here again.
     """
-    n, moving = problem.layout.degrees, slopes.moving
+    n, moving = problem.layout.degrees, slice(-problem.changing, None)
     (run,) = slopes.stretches()
     before, (transition, design, gains, keep) = run.covariance, run.tables
     out = np.zeros((slopes.count, n))
