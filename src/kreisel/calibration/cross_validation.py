@@ -14,6 +14,7 @@ import numpy as np
 
 from kreisel.calibration.evidence import CrossValidation, Drift
 from kreisel.fitting.fit import Fit
+from kreisel.fitting.partition import nearest_end
 from kreisel.geometry.rotation import Array
 from kreisel.model.layout import without
 from kreisel.model.parameters import CellParameters
@@ -22,7 +23,7 @@ from kreisel.progress import Progress, of_step
 from kreisel.refinement.estimate import Estimate
 
 TRAINING = 0.6
-"""Share of the updates that the calibration for the cross-validation uses."""
+"""Share of the updates that the calibration for the cross-validation uses, to the end of a block."""
 
 NOTHING: Mapping[str, Array] = MappingProxyType({})
 """Groups of parameters that are uncertain: none."""
@@ -32,7 +33,7 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
     """Return the drift on the last part of the recording as recorded, with a calibration of its first part only."""
     problem = found.problem
     cut, until = first_part(problem)
-    trained = found.estimator.refit(part_of(problem, slice(0, cut)), found.run, progress=of_step(progress, "train"))
+    trained = found.first(cut, of_step(progress, "train"))
     nominal = replace(
         problem.prior.nominal, start=trained.parameters.start, skew=trained.parameters.skew,
         q_rn=trained.parameters.q_rn, robot=trained.parameters.robot,
@@ -48,7 +49,7 @@ def cross_validate(found: Estimate, progress: Progress | None = None) -> CrossVa
 def first_part(problem: Problem) -> tuple[int, float]:
     """Return the number of updates of the part that is calibrated, and the IMU's second of the last of them."""
     updates = problem.schedule.updates
-    cut = int(TRAINING * len(updates))
+    cut = nearest_end(problem, int(TRAINING * len(updates)))
     return cut, float(problem.sensor.readings.stamps[updates[cut - 1].last])
 
 

@@ -12,6 +12,7 @@ from kreisel.calibration.frame_errors import frame_columns, repeatability_column
 from kreisel.calibration.linear_errors import LINEAR_ERRORS
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit
+from kreisel.fitting.partition import nearest_end
 from kreisel.fitting.stored_state import first_belief
 from kreisel.model.problem import Problem, part_of
 from kreisel.model.schedule import MIN_UPDATES
@@ -24,15 +25,16 @@ _MIN, _MIN_WITH_WALKS = 1e-4, 0.1
 
 
 def middle_of(problem: Problem) -> int:
-    """Return the number of the update with which the second half begins, the one with the second half of the motion.
+    """Return the number of the update with which the second half begins: 0 if halves are too short.
 
-    A device that stands still at first shows nothing then that the rest could be compared with.
+    It is the end of a block, that about half of the motion is before: a device that stands still at first shows nothing
+    then that the rest could be compared with.
     """
     rates, updates = problem.sensor.readings.rates, problem.schedule.updates
     way = np.cumsum(np.sum((rates - np.median(rates, axis=0)) ** 2, axis=1))
     moved = way[np.array([update.last for update in updates])]
-    half = int(np.searchsorted(moved, 0.5 * moved[-1]))
-    return min(max(half, MIN_UPDATES), len(updates) - MIN_UPDATES) if len(updates) >= 2 * MIN_UPDATES else 0
+    half, latest = int(np.searchsorted(moved, 0.5 * moved[-1])), len(updates) - MIN_UPDATES
+    return nearest_end(problem, min(max(half, MIN_UPDATES), latest), MIN_UPDATES) if latest >= MIN_UPDATES else 0
 
 
 def fits_of_halves(
@@ -43,11 +45,12 @@ def fits_of_halves(
     middle = middle_of(problem)
     if middle < MIN_UPDATES:
         return None
-    halves = zip((slice(0, middle), slice(middle, None)), of_parts(progress, "halves", 2), strict=True)
+    of_first, of_second = (of_step(share, "half") for share in of_parts(progress, "halves", 2))
+    second = part_of(problem, slice(middle, None))
     a, b = executor(
         [
-            partial(found.estimator.refit, part_of(problem, half), found.run, progress=of_step(share, "half"))
-            for half, share in halves
+            partial(found.first, middle, of_first),
+            partial(found.estimator.refit, second, found.run, progress=of_second),
         ]
     )
     return a, b

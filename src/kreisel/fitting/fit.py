@@ -88,6 +88,10 @@ class Linearised(Protocol):
         """What the blocks of updates that end at `fitting.partition.block_ends` say; None if it takes another run."""
         ...
 
+    def first(self, count: int) -> Fit | None:
+        """Return the fit of the first updates, up to the end of a block; None if it takes another run."""
+        ...
+
     def about(self, terms: Terms, *, innovations: bool = False) -> Linearisation:
         """Return what the data say of terms outside the state; innovations: with what they do to each of these."""
         ...

@@ -33,6 +33,15 @@ def block_ends(problem: Problem) -> list[int]:
     return [*(end for end in ends if end < len(updates)), len(updates)]
 
 
+def nearest_end(problem: Problem, count: int, least: int = 1) -> int:
+    """Return the number of updates up to the end of the block that ends nearest to a number of them.
+
+    If no block ends with at least some updates before and after it, it is that number itself.
+    """
+    ends = [end for end in block_ends(problem) if least <= end <= len(problem.schedule.updates) - least]
+    return min(ends, key=lambda end: abs(end - count), default=count)
+
+
 def standstills_in(problem: Problem) -> int:
     """Return the number of standstills."""
     return sum(update.new_standstill for update in problem.schedule.updates)

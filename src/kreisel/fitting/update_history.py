@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -65,6 +65,10 @@ class History:
     correction: Array
     correction_variance: Array
     turn_information: Array
+
+    def first(self, count: int) -> History:
+        """Return what happened at the first updates."""
+        return History(**{one.name: getattr(self, one.name)[:count] for one in fields(self)})
 
     @property
     def pull_of_unit(self) -> float:

@@ -12,15 +12,17 @@ from kreisel.estimation.consistency import gate_bounds
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.blocks import Blocks, increments
 from kreisel.fitting.fit import Fit
+from kreisel.fitting.stored_state import parameters_of
 from kreisel.fitting.terms import Linearisation, Scores, Terms
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.kalman.elimination import Elimination
 from kreisel.kalman.noise_shares import variance_of_reference
+from kreisel.kalman.prior_exchange import with_stated_prior
 from kreisel.kalman.run_slopes import Slopes
 from kreisel.kalman.scores import Gradients, gradients, scores_of, walk_score
 from kreisel.kalman.sensitivity import Sensitivity
 from kreisel.model.parameters import WALKING_GROUPS
-from kreisel.model.problem import Problem
+from kreisel.model.problem import Problem, part_of
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,22 @@ class LinearRun:
         if np.any(history.nis > self.near.gate * gate_bounds(history.degrees)):
             return None
         return blocks_of(self.problem, self.near, self.ends, self.found)
+
+    def first(self, count: int) -> Fit | None:
+        """Return the fit of the first updates, up to the end of a block; None if it takes another run.
+
+        A fit by predicted readings does, for it is not by a run.
+        """
+        if self.blocks is None or self.near.motion is not None or count not in self.ends:
+            return None
+        belief = self.found[1 + self.ends.tolist().index(count)]
+        run = replace(
+            self.run,
+            belief=belief,
+            parameters=parameters_of(self.problem, self.run.start, belief.mean),
+            history=self.run.history.first(count),
+        )
+        return with_stated_prior(part_of(self.problem, slice(0, count)), run, self.found[0])
 
     def about(self, terms: Terms, *, innovations: bool = False) -> Linearisation:
         """Return what the data say of terms outside the state."""

@@ -16,7 +16,8 @@ from kreisel.geometry.rotation import Array
 from kreisel.model.considered_terms import Considered
 from kreisel.model.layout import without
 from kreisel.model.parameters import PASSING_GROUPS
-from kreisel.model.problem import Problem, with_nominal, with_readings
+from kreisel.model.problem import Problem, part_of, with_nominal, with_readings
+from kreisel.progress import StepProgress
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.discrepancy_terms import FoundFamily
 
@@ -64,6 +65,13 @@ class Estimate:
             return None
         step = self.problem.layout.minus(self.run.belief.mean[:, None], self.linear.near.belief.mean)[:, 0]
         return blocks.about(step)
+
+    def first(self, count: int, progress: StepProgress | None = None) -> Fit:
+        """Return the fit of the first updates by themselves."""
+        known = None if self.linear is None else self.linear.first(count)
+        if known is not None:
+            return known
+        return self.estimator.refit(part_of(self.problem, slice(0, count)), self.run, progress=progress)
 
     @property
     def recorded(self) -> Problem:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kreisel.calibration.cross_validation import TRAINING, _drift, cross_validate, navigation_only
+from kreisel.calibration.cross_validation import _drift, cross_validate, first_part, navigation_only
 from kreisel.calibration.injection import _errors, inject
 from kreisel.fitting.fit import Fit
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect, correct_angular_rate, correct_specific_force
@@ -75,7 +75,7 @@ def crossed():
 def test_drift_is_that_of_the_part_that_was_not_trained_on(crossed):
     problem = calibrated().estimate.problem
     updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
-    unseen = updates[int(TRAINING * len(updates)) :]
+    unseen = updates[first_part(problem)[0] :]
     want = [stamps[u.last] for i, u in enumerate(unseen) if i >= 2 and u.standstill is None]
     for drift in (crossed.nominal, crossed.calibrated):
         np.testing.assert_array_equal(drift.seconds, want)
