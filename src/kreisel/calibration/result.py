@@ -281,10 +281,17 @@ def _check_size(archive: Path) -> None:
         )
 
 
+def _quoted(representer: Any, text: str) -> Any:
+    """Return the node of a text: in double quotes if it has single ones, which would be doubled in single ones."""
+    return representer.represent_scalar("tag:yaml.org,2002:str", text, style='"' if "'" in text else None)
+
+
 def write_document(document: Mapping[str, Any], file: Path) -> None:
     """Write mappings, lists, texts and numbers as YAML that people read: short rows, lists of numbers in one line."""
-    yaml = YAML()
+    yaml = YAML(typ="safe")
     yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False
+    yaml.representer.add_representer(str, _quoted)
     yaml.width = 120
     with file.open("w", encoding="utf-8") as stream:
         yaml.dump(document, stream)
