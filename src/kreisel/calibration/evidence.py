@@ -59,23 +59,29 @@ class LackOfFit:
         The blocks.
     influence : (B, n)
         By how much each block moves the estimate of every constant parameter (`Blocks.parameters`).
-    variance : (B, n)
-        What the model expects of the square of that.
-    expected, found : (n, n)
-        Covariance of the estimate by the scatter that the model expects, and by that of the blocks.
-    degrees
-        Blocks that count, for they say about as much as each other.
+    covariance : (B, n, n)
+        What the model expects of it.
+    found : (n, n)
+        Covariance of the estimate by the scatter of the blocks.
     names
         Of the parameters.
     """
 
     blocks: Blocks
     influence: Array
-    variance: Array
-    expected: Array
+    covariance: Array
     found: Array
-    degrees: float
     names: tuple[str, ...] = ()
+
+    @property
+    def variance(self) -> Array:
+        """What the model expects of the square of each influence, (B, n); zero for what the prior alone determines."""
+        return np.asarray(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
+
+    @property
+    def expected(self) -> Array:
+        """Covariance of the estimate by the scatter that the model expects, (n, n)."""
+        return np.asarray(self.covariance.sum(axis=0))
 
 
 @dataclass(frozen=True)

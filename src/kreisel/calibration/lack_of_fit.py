@@ -63,18 +63,32 @@ def scatter(blocks: Blocks, P: Array) -> LackOfFit:
     reduced = P @ (blocks.information - blocks.information @ P @ blocks.information) @ P
     influence = blocks.score @ P
     found = influence.T @ influence
-    own = np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0)
-    each = own.sum(axis=0) ** 2 / np.maximum(np.sum(own**2, axis=0), 1e-300)
-    degrees = max(1.0, float(np.median(each)))  # zero for what the prior alone determines
+    each = degrees_of(np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0).T[:, :, None, None])
     weights = [2.0 * (1.0 - lag / (_LAGS + 1)) for lag in range(1, min(_LAGS, len(influence) - 1) + 1)]
     neighbours = sum(
         (weight * np.sum(influence[lag:] * influence[:-lag], axis=0) for lag, weight in enumerate(weights, start=1)),
         np.zeros(len(P)),
     )
     more = neighbours / np.maximum(np.diag(found), 1e-300)
-    chance = _BEYOND * math.hypot(*weights) / degrees**0.5
+    chance = _BEYOND * math.hypot(*weights) / float(np.median(each)) ** 0.5
     larger = np.sqrt(1.0 + np.where(more > chance, more, 0.0))
-    return LackOfFit(blocks, influence, own, reduced.sum(axis=0), larger[:, None] * found * larger, degrees)
+    return LackOfFit(blocks, influence, reduced, larger[:, None] * found * larger)
+
+
+def degrees_of(covariance: Array) -> Array:
+    """Return the degrees of freedom (...,) of the sums of squares of independent vectors, by their covariances.
+
+    Parameters
+    ----------
+    covariance : (..., B, k, k)
+        Of each vector.
+
+    Notes
+    -----
+    Those of the chi-square distribution, times a factor, that has the same mean and variance (Satterthwaite 1946).
+    """
+    mean = np.trace(covariance.sum(axis=-3), axis1=-2, axis2=-1)
+    return np.asarray(np.maximum(1.0, mean**2 / np.maximum(np.sum(covariance**2, axis=(-3, -2, -1)), 1e-300)))
 
 
 def within_subsets(lack: LackOfFit, subset: Mask) -> LackOfFit:
@@ -118,10 +132,12 @@ def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
         kept = values > _MIN_SHARE
         white = vectors[:, kept] / np.sqrt(values[kept])
         scaled = lack.found[np.ix_(own, own)] / np.outer(size, size)
-        degrees = lack.degrees * int(kept.sum())
+        parts = lack.covariance[:, own[:, None], own] / np.outer(size, size)
+        degrees = float(degrees_of(white.T @ parts @ white))
         ratio = float(np.trace(white.T @ scaled @ white)) / int(kept.sum())
         if ratio > chi_square_bound(_KNOWN_CHANCE if found.discrepancy else CHANCE, degrees) / degrees:
-            alone = np.diag(scaled) / (chi_square_bound(0.05, lack.degrees) / lack.degrees)
+            each = degrees_of(np.diagonal(parts, axis1=1, axis2=2).T[:, :, None, None])
+            alone = np.diag(scaled) / np.array([chi_square_bound(0.05, one) / one for one in each.tolist()])
             out[shown] = np.sqrt(np.maximum(1.0, np.maximum(ratio, alone)))
     return out
 

@@ -6,21 +6,22 @@ import numpy as np
 
 from kreisel.model.problem import Problem
 
-MIN_BLOCK_SECONDS = 4.0
-"""s; shortest block, longer than errors of a reference on its path are correlated."""
+MIN_BLOCK_SECONDS, _AT_LEAST = 4.0, 1.0
+"""s; shortest block, longer than errors of a reference on its path are correlated, and that in a short recording."""
 
 MAX_BLOCKS = 120
 """Number of blocks at most: of more, each says little, and each costs an inverse."""
 
-MIN_BLOCKS = 8
-"""Number of blocks from which their scatter says something."""
+MIN_BLOCKS, _WANTED = 8, 10
+"""Number of blocks from which their scatter says something, and that which a short recording is divided into."""
 
 
 def block_ends(problem: Problem) -> list[int]:
     """Return where blocks end: at the beginning of standstills where there are some, else by time."""
     updates, stamps = problem.schedule.updates, problem.sensor.readings.stamps
     times = stamps[np.array([update.last for update in updates])]
-    shortest = max(MIN_BLOCK_SECONDS, float(times[-1] - times[0]) / MAX_BLOCKS)
+    whole = float(times[-1] - times[0])
+    shortest = max(_AT_LEAST, min(MIN_BLOCK_SECONDS, whole / _WANTED), whole / MAX_BLOCKS)
     resting = standstills_in(problem) >= MIN_BLOCKS
     ends, begun = [], float(times[0])
     for i, update in enumerate(updates[1:], start=1):

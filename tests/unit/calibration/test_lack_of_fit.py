@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.lack_of_fit import (
+    degrees_of,
     lack_of_fit,
     lack_of_fit_disagreement,
     larger_deviations,
@@ -46,7 +47,18 @@ def test_where_the_model_is_right_the_scatter_is_what_is_expected(designs):
         found.append(lack.influence.T @ lack.influence)
     mean, sd = np.mean(found, axis=0), np.std(found, axis=0) / 600**0.5
     assert (np.abs(mean - lack.expected) < 4.0 * sd).all()
-    assert 0.6 * BLOCKS < lack.degrees <= BLOCKS
+
+
+def test_degrees_of_freedom_are_those_of_a_sum_of_squares():
+    """Of alike vectors their number times that of components; of others by draws, mean and variance."""
+    np.testing.assert_allclose(degrees_of(np.tile(2.5 * np.eye(3), (7, 1, 1))), 21.0)
+    rng = np.random.default_rng(5)
+    roots = rng.normal(size=(4, 3, 3)) * np.array([3.0, 1.0, 0.3, 0.1])[:, None, None]
+    drawn = np.einsum("bij,rbj->rbi", roots, rng.normal(size=(200_000, 4, 3)))
+    sums = np.sum(drawn**2, axis=(1, 2))
+    want = 2.0 * np.mean(sums) ** 2 / np.var(sums)
+    np.testing.assert_allclose(degrees_of(roots @ np.swapaxes(roots, 1, 2)), want, rtol=0.02)
+    assert degrees_of(np.zeros((4, 3, 3))) == 1.0
 
 
 def test_where_blocks_err_each_in_its_own_way_it_is_the_variance_of_the_estimate(designs):
@@ -67,7 +79,6 @@ def test_blocks_that_say_nothing_scatter_not():
         np.arange(PARAMETERS), np.arange(1, 9), np.zeros((8, PARAMETERS, PARAMETERS)), np.zeros((8, PARAMETERS))
     )
     lack = scatter(empty, np.eye(PARAMETERS))
-    assert lack.degrees == 1.0
     assert not lack.found.any()
 
 
@@ -120,6 +131,19 @@ def test_blocks_cover_a_recording_once(found):
     assert ends[-1] == len(found.problem.schedule.updates)
     resting = {i + 1 for i, update in enumerate(found.problem.schedule.updates) if update.new_standstill}
     assert len(resting & set(ends)) >= len(ends) // 2
+
+
+def test_a_short_recording_is_divided_into_enough_blocks_for_their_scatter(found):
+    """Ten, but none is shorter than a second."""
+    problem = found.problem
+    stamps, updates = problem.sensor.readings.stamps, problem.schedule.updates
+    times = stamps[np.array([update.last for update in updates])]
+    for seconds, most in ((20.0, 10), (6.0, 6)):
+        part = part_of(problem, slice(0, int(np.searchsorted(times, times[0] + seconds))))
+        ends = np.array(block_ends(part))
+        assert 0.7 * most <= ends.size <= most
+        begins = np.append(0, ends[:-1] - 1)
+        assert np.diff(times[begins]).min() >= max(1.0, 0.95 * seconds / 10.0)
 
 
 def test_blocks_say_together_what_the_whole_says(found):
