@@ -44,7 +44,8 @@ from kreisel.preparation.prepare import prepare_recording
 from kreisel.progress import Progress, of_parts, of_step, shown
 from kreisel.recording.recording import Recording
 from kreisel.refinement.estimate import Estimate, without_passing
-from kreisel.refinement.iteration import StatedFigures, estimate
+from kreisel.refinement.iteration import estimate
+from kreisel.refinement.noise_adaptation import StatedFigures
 from kreisel.refinement.observability import observability
 from kreisel.tasks import Executor, sequential
 

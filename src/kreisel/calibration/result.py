@@ -290,7 +290,7 @@ def write_document(document: Mapping[str, Any], file: Path) -> None:
     """Write mappings, lists, texts and numbers as YAML that people read: short rows, lists of numbers in one line."""
     yaml = YAML(typ="safe")
     yaml.default_flow_style = None
-    yaml.sort_base_mapping_type_on_output = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # it is None there
     yaml.representer.add_representer(str, _quoted)
     yaml.width = 120
     with file.open("w", encoding="utf-8") as stream:

@@ -9,14 +9,10 @@ from functools import partial
 import numpy as np
 
 from kreisel.errors import EstimationError
-from kreisel.estimation.consistency import gate_bounds
 from kreisel.estimation.uncertainty import Contribution, scaling
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import WIDE_GATE, Estimator, Fit, Linearised
-from kreisel.fitting.nonlinearity import curved
 from kreisel.fitting.result_change import with_unit_of_data
-from kreisel.fitting.stored_state import parameters_of
-from kreisel.geometry.rotation import Array
 from kreisel.model.assumed_noise import PoseError
 from kreisel.model.considered_terms import Considered, describe
 from kreisel.model.parameters import GROUPS
@@ -30,59 +26,30 @@ from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy
 from kreisel.refinement.effect_selection import Survey, considered, selected, survey, without_needless
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import (
-    FEW_REJECTED,
-    NoiseFactors,
-    noise_factors,
+    StatedFigures,
     noise_ratios,
     noise_warning,
-    with_factors,
     with_noise_of,
-    within_bounds,
 )
 from kreisel.refinement.nominal_values import with_nominal_values
 from kreisel.refinement.parameter_walk import found_walks, may_walk
 from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, prior_penalty, with_wider_priors
-from kreisel.refinement.rescheduling import assigns_otherwise, rescheduled, with_attitudes_of
-from kreisel.refinement.wrong_stamps import with_wrong_stamps, wrong_stamps_warning
+from kreisel.refinement.settling import Settling
+from kreisel.refinement.wrong_stamps import wrong_stamps_warning
 from kreisel.tasks import Executor, sequential
-
-MAX_NOISE_PASSES = 8
-"""Largest number of passes to find noise figures where none are given or the given ones are contradicted."""
-
-MAX_PASSES = 14
-"""Largest number of passes, if none is requested. Chosen: those that go to and fro in weak motion took 6 to 12 with
-extrapolation, and an industrial recording three after `MAX_NOISE_PASSES`; a result that still moves is rejected
-(`calibration.verdict.MAX_MOVED`)."""
 
 MAX_ROUNDS = 4
 """Largest number of times that further effects, or parameters that walk, are looked for."""
 
-NEAR = 3.0
-"""Change of a parameter by a pass, in standard deviations, above which the gate stays wide for another pass."""
-
-SETTLED = 0.2
-"""Change of every parameter by a pass, in standard deviations, below which no further pass is needed."""
-
 _LASTING, _HARDLY_NOISE = 3.0, 3.0
 """Factors for correlated innovations, and between noise found and given, above which the noise found may stand for
 parameters that walk."""
-
-_MIN_SHARE = 0.1
-"""Of the change by a pass, for the start of the next one."""
 
 MAX_CORRELATION_TIME = 40.0
 """Largest time constant of coloured noise, in update intervals; an error that lasts longer is not one of the path."""
 
 MIN_LIKELIHOOD_GAIN = 5.0
 """Minimum gain of log-likelihood with which coloured noise is assumed."""
-
-
-@dataclass(frozen=True)
-class StatedFigures:
-    """Whose noise figures the user gave; they are changed only if the data contradict them."""
-
-    reference: bool
-    imu: bool
 
 
 @dataclass(frozen=True)
@@ -315,52 +282,17 @@ def _until_settled(problem: Problem, before: int, work: _Work, begun: Fit | None
 
     They start at the problem's start values, or near the result of a run over the same parameters.
     """
-    moved, far = np.inf, True
-    estimator, given, step = work.estimator, work.given, work.step(f"pass {before + 1}")
+    estimator, step = work.estimator, work.step(f"pass {before + 1}")
     if begun is None:
         run = estimator.fit(problem, gate=WIDE_GATE, progress=step)
     else:
         run = estimator.refit(problem, begun, gate=WIDE_GATE, progress=step)
-    count, adapted, still, kept = 1, False, False, False
-    likeliest = (-np.inf, problem, run)
-    near, share, change = run, 1.0, np.zeros(0)
-    while True:
-        beyond = float(np.mean(_beyond_gate(run) > 1.0))
-        rejected = beyond if still else 1.0 - float(np.mean(run.history.used))
-        factors = noise_factors(problem, run)
-        factors = factors.contradicted(reference=given.reference, imu=given.imu, rejected=rejected)
-        factors = within_bounds(problem, factors)
-        if count == 1 and problem.reference.quaternions is None:
-            factors = NoiseFactors()  # the attitude was a guess: such innovations do not show the noise
-        if not factors.agree() and count == MAX_NOISE_PASSES and likeliest[0] > bounded_likelihood(run):
-            # what makes the noise larger from pass to pass is no noise
-            problem, run, kept = likeliest[1], likeliest[2], True
-            share, change = 1.0, np.zeros(0)
-        if kept:
-            factors = NoiseFactors()
-        elif beyond < FEW_REJECTED:
-            likeliest = max(likeliest, (bounded_likelihood(run), problem, run), key=lambda one: one[0])
-        marked = with_wrong_stamps(problem, run) if factors.agree() else problem
-        settled = (factors.agree() and marked is problem) or count >= MAX_NOISE_PASSES
-        if settled and not _another_pass(problem, run, moved, count):
-            return _Passes(problem, run, before + count, adapted, moved if count > 1 else 0.0)
-        if count == 1:
-            far = curved(problem, run) or assigns_otherwise(problem, run.parameters.clock)
-        problem = rescheduled(with_attitudes_of(marked, run), run.parameters.clock)
-        if not factors.agree():
-            problem, adapted = with_factors(problem, factors), True
-        count += 1
-        gate = WIDE_GATE if far else 1.0
-        near = run if share == 1.0 else _between(problem, near, run, share)
-        run = estimator.refit(problem, near, gate=gate, progress=work.step(f"pass {before + count}"))
-        change_before, change = change, _change(problem, near, run)
-        share = _relaxation(share, change_before, change)
-        moved = float(np.max(np.abs(change), initial=0.0))
-        still = moved <= SETTLED
-        if far:
-            far = moved > NEAR
-            if _wide_gate_mattered(run):
-                moved = np.inf  # the usual gate has not been used yet
+    passes = Settling(problem, run, work.given)
+    while (following := passes.following()) is not None:
+        step = work.step(f"pass {before + passes.count + 1}")
+        passes.take(following, estimator.refit(following, passes.near, gate=passes.gate, progress=step))
+    moved = passes.moved if passes.count > 1 else 0.0
+    return _Passes(passes.problem, passes.run, before + passes.count, passes.adapted, moved)
 
 
 def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
@@ -513,34 +445,6 @@ def _probability(passes: _Passes) -> float:
     return bounded_likelihood(passes.run) - prior_penalty(passes.problem, passes.run)
 
 
-def _relaxation(share: float, before: Array, after: Array) -> float:
-    """Return the share of the last change that the next pass starts with, from that of the one before and both changes.
-
-    In weak motion a pass may answer to its start with the opposite change, and passes would go to and fro for ever.
-
-    Notes
-    -----
-    Aitken's extrapolation for vectors (Irons and Tuck 1969), within bounds.
-    """
-    if before.size == 0:
-        return 1.0
-    turned = after - before
-    return float(np.clip(-share * (before @ turned) / max(float(turned @ turned), 1e-300), _MIN_SHARE, 1.0))
-
-
-def _between(problem: Problem, a: Fit, b: Fit, share: float) -> Fit:
-    """Return the second of two runs with a result between them, by a share of the way."""
-    change = problem.layout.minus(b.belief.mean[:, None], a.belief.mean)
-    mean = problem.layout.plus(a.belief.mean, share * change)[:, 0]
-    return replace(b, belief=replace(b.belief, mean=mean), parameters=parameters_of(problem, b.parameters, mean))
-
-
-def _change(problem: Problem, before: Fit, after: Fit) -> Array:
-    """Return the change of each lasting parameter between two results, in standard deviations."""
-    change = problem.layout.minus(after.belief.mean[:, None], before.belief.mean)[problem.lasting, 0]
-    return np.asarray(change / after.belief.standard_deviation[problem.lasting])
-
-
 def _with_coloured_noise(passes: _Passes, work: _Work) -> _Passes:
     """Return the passes with coloured noise of the reference, if innovations are correlated.
 
@@ -564,32 +468,3 @@ def _with_coloured_noise(passes: _Passes, work: _Work) -> _Passes:
             break
         time *= 2.0
     return replace(best, count=count)
-
-
-def _another_pass(problem: Problem, run: Fit, moved: float, count: int) -> bool:
-    """Return whether another pass is requested, or useful.
-
-    After the first pass another one is useful if the wide gate accepted updates that the usual gate would reject
-    (grossly, or often), if the clocks assign poses to other samples, or if the model is curved between start and
-    result. Later it is useful as long as the estimates move.
-    """
-    if problem.settings.passes is not None:
-        return count < problem.settings.passes
-    if count >= MAX_PASSES:
-        return False
-    if count > 1:
-        return moved > SETTLED
-    if _wide_gate_mattered(run) or problem.settings.polynomial_order > 1 or problem.reference.quaternions is None:
-        return True
-    return assigns_otherwise(problem, run.parameters.clock) or curved(problem, run)
-
-
-def _wide_gate_mattered(run: Fit) -> bool:
-    """Return whether a wide gate accepted updates that the usual one would reject: grossly, or often."""
-    beyond = run.history.used * _beyond_gate(run)
-    return bool((beyond > 4.0).any()) or float(np.mean(beyond > 1.0)) > 0.002
-
-
-def _beyond_gate(run: Fit) -> Array:
-    """Return the normalised innovations squared of all updates over the bound of the usual gate, (u,)."""
-    return np.asarray(run.history.nis / gate_bounds(run.history.degrees))

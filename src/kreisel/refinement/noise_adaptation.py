@@ -28,6 +28,14 @@ _FEWEST = 15
 
 
 @dataclass(frozen=True)
+class StatedFigures:
+    """Whose noise figures the user gave; they are changed only if the data contradict them."""
+
+    reference: bool
+    imu: bool
+
+
+@dataclass(frozen=True)
 class NoiseFactors:
     """Factors between the standard deviations by the innovations and the assumed ones.
 

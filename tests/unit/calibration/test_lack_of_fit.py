@@ -17,7 +17,8 @@ from kreisel.fitting.blocks import Blocks, increments
 from kreisel.fitting.partition import block_ends
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import part_of
-from kreisel.refinement.iteration import StatedFigures, estimate
+from kreisel.refinement.iteration import estimate
+from kreisel.refinement.noise_adaptation import StatedFigures
 from kreisel.refinement.parameter_walk import with_walks
 
 from ...small_problem import camera_problem

@@ -10,7 +10,8 @@ from kreisel.fitting.terms import Terms
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.problem import with_readings
 from kreisel.refinement.discrepancy import _parts_of_degree, describe
-from kreisel.refinement.iteration import StatedFigures, estimate
+from kreisel.refinement.iteration import estimate
+from kreisel.refinement.noise_adaptation import StatedFigures
 
 from ...small_problem import camera_problem, recorded
 

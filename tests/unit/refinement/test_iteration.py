@@ -12,21 +12,18 @@ from kreisel.fitting.fit import Fit
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import with_correlation_time
-from kreisel.refinement import iteration
-from kreisel.refinement.iteration import (
+from kreisel.refinement import settling
+from kreisel.refinement.iteration import _contradiction, correlation_factor, estimate
+from kreisel.refinement.noise_adaptation import NoiseFactors, StatedFigures, imu_density, with_factors
+from kreisel.refinement.settling import (
     MAX_PASSES,
     NEAR,
     SETTLED,
-    StatedFigures,
-    _another_pass,
-    _change,
-    _contradiction,
-    _relaxation,
-    _wide_gate_mattered,
-    correlation_factor,
-    estimate,
+    another_pass,
+    change_of,
+    relaxation,
+    wide_gate_mattered,
 )
-from kreisel.refinement.noise_adaptation import NoiseFactors, imu_density, with_factors
 from kreisel.synchronization.clock import Clock
 
 from ...small_problem import camera_problem, history, recorded, with_noise
@@ -127,7 +124,7 @@ def test_a_wide_gate_mattered_if_it_let_through_something_gross_or_much(degrees)
 
     def mattered(nis, used=True):
         made = history(1000, nis=np.resize(nis, 1000), degrees=np.full(1000, float(degrees)))
-        return _wide_gate_mattered(run_of(replace(made, used=np.full(1000, used))))
+        return wide_gate_mattered(run_of(replace(made, used=np.full(1000, used))))
 
     few, gross, many = np.full(1000, 5.0), np.full(1000, 5.0), np.full(1000, 5.0)
     few[:2], gross[0], many[:3] = 3.9 * bound, 4.1 * bound, 1.1 * bound
@@ -146,7 +143,7 @@ def test_the_change_by_a_pass_is_in_deviations():
         change = np.zeros(problem.layout.degrees)
         change[i], change[n:] = -1.7 * sd[i], 9.0  # navigation does not count
         before = Belief(problem.layout.plus(run.belief.mean, change[:, None])[:, 0], 5.0 * run.belief.factor)
-        change = _change(problem, replace(run, belief=before), run)
+        change = change_of(problem, replace(run, belief=before), run)
         assert np.abs(change).max() == pytest.approx(1.7, rel=1e-3)
         assert np.sum(np.abs(change) > 1e-6) == 1
 
@@ -212,7 +209,7 @@ def test_given_noise_that_is_far_too_small_is_replaced_and_that_is_said():
 def test_noise_that_grows_from_pass_to_pass_is_given_up_for_the_likeliest(monkeypatch):
     """Eight passes that ask for 1.4 times as much would end at ten times the gyros' noise, which is right at first."""
     problem = with_noise(camera_problem(), imu_bounds=((0.0, 1.0), (0.0, 1.0)))
-    monkeypatch.setattr(iteration, "noise_factors", lambda *_: NoiseFactors(gyro=1.4))
+    monkeypatch.setattr(settling, "noise_factors", lambda *_: NoiseFactors(gyro=1.4))
     found = estimate(problem, StatedFigures(reference=True, imu=False), SPKF)
     assert imu_density(found.problem)[0] < 2.0 * imu_density(problem)[0]
     assert found.moved < SETTLED
@@ -292,23 +289,23 @@ def test_white_noise_is_not_taken_for_coloured():
 
 def test_another_pass_is_run_where_it_pays():
     problem, run = camera_problem(), usual().run
-    assert not _another_pass(problem, run, np.inf, 1)
-    assert _another_pass(problem, run, SETTLED + 0.01, 2)
-    assert not _another_pass(problem, run, SETTLED - 0.01, 2)
-    assert not _another_pass(problem, run, NEAR, MAX_PASSES)  # enough
+    assert not another_pass(problem, run, np.inf, 1)
+    assert another_pass(problem, run, SETTLED + 0.01, 2)
+    assert not another_pass(problem, run, SETTLED - 0.01, 2)
+    assert not another_pass(problem, run, NEAR, MAX_PASSES)  # enough
     cubic = replace(problem, settings=CalibrationSettings(polynomial_order=3))
-    assert _another_pass(cubic, run, 0.0, 1)
+    assert another_pass(cubic, run, 0.0, 1)
     blind = replace(problem, reference=replace(problem.reference, quaternions=None))
-    assert _another_pass(blind, run, 0.0, 1)
+    assert another_pass(blind, run, 0.0, 1)
     late = replace(run, parameters=replace(run.parameters, start=run.parameters.start + 0.02))
-    assert _another_pass(problem, late, 0.0, 1)
+    assert another_pass(problem, late, 0.0, 1)
     assert late.parameters.clock == Clock(run.parameters.start + 0.02, run.parameters.skew)
     far = replace(run, start=replace(run.start, sensors=replace(run.start.sensors, K_a=run.start.sensors.K_a + 0.1)))
-    assert _another_pass(problem, far, 0.0, 1)
+    assert another_pass(problem, far, 0.0, 1)
     gross = run.history.nis.copy()
     gross[20] = 1e4
     let_through = replace(run, history=replace(run.history, nis=gross, used=np.ones(gross.size, dtype=bool)))
-    assert _another_pass(problem, let_through, 0.0, 1)
+    assert another_pass(problem, let_through, 0.0, 1)
 
 
 def started_late(problem):
@@ -327,7 +324,7 @@ def test_a_pass_from_a_start_far_off_is_repeated_until_it_settles():
     found = estimate(started_late(problem), BOTH, SPKF)
     assert found.passes > 1
     assert found.moved < SETTLED
-    assert np.abs(_change(problem, found.run, usual().run)).max() < SETTLED
+    assert np.abs(change_of(problem, found.run, usual().run)).max() < SETTLED
 
 
 @pytest.mark.parametrize("answer", [-0.9, -3.0, 0.5])
@@ -336,6 +333,6 @@ def test_passes_that_answer_by_the_opposite_come_to_rest(answer):
     rest, x, share, before = np.array([2.0, -1.0]), np.array([5.0, 5.0]), 1.0, np.zeros(0)
     for _ in range(12):
         change = rest + answer * (x - rest) - x
-        share, before = _relaxation(share, before, change), change
+        share, before = relaxation(share, before, change), change
         x = x + share * change
     assert np.abs(x - rest).max() < 1e-2
