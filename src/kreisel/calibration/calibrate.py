@@ -203,7 +203,7 @@ def _by_scatter(halves: SplitHalves | None, found: Estimate, lack: LackOfFit | N
     if halves is None:
         return None
     within = None if lack is None else within_subsets(lack, lack.blocks.ends <= middle_of(found.problem))
-    factor = larger_deviations(found, within)
+    factor = larger_deviations(found, lack, within)
     return replace(halves, deviation=factor[found.problem.lasting] * halves.deviation)
 
 

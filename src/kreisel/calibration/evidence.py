@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -73,12 +74,12 @@ class LackOfFit:
     found: Array
     names: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def variance(self) -> Array:
         """What the model expects of the square of each influence, (B, n); zero for what the prior alone determines."""
         return np.asarray(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
 
-    @property
+    @cached_property
     def expected(self) -> Array:
         """Covariance of the estimate by the scatter that the model expects, (n, n)."""
         return np.asarray(self.covariance.sum(axis=0))

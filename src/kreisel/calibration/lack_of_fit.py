@@ -91,18 +91,23 @@ def degrees_of(covariance: Array) -> Array:
     return np.asarray(np.maximum(1.0, mean**2 / np.maximum(np.sum(covariance**2, axis=(-3, -2, -1)), 1e-300)))
 
 
-def within_subsets(lack: LackOfFit, subset: Mask) -> LackOfFit:
-    """Return the scatter of blocks about what a subset of them (B,), and all others, say: no difference of the two."""
+def within_subsets(lack: LackOfFit, subset: Mask) -> Array:
+    """Return the covariance (n, n) by the scatter of blocks about what a subset of them (B,), and all others, say.
+
+    A difference between the two does not count in it.
+    """
     rest = lack.influence.copy()
     for half in (subset, ~subset):
         share = lack.variance[half] / np.maximum(lack.variance[half].sum(axis=0), 1e-300)
         rest[half] -= share * lack.influence[half].sum(axis=0)
     count = len(rest)
-    return replace(lack, found=rest.T @ rest * (count / max(count - 2, 1)))
+    return np.asarray(rest.T @ rest * (count / max(count - 2, 1)))
 
 
-def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
+def larger_deviations(found: Estimate, lack: LackOfFit | None, scattered: Array | None = None) -> Array:
     """Return factors (degrees,) on the deviations of the sensors' parameters by the scatter of blocks; 1 by chance.
+
+    scattered: covariance of the estimate by their scatter (n, n), if it is not that about the estimate.
 
     Notes
     -----
@@ -114,6 +119,7 @@ def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
     out = np.ones(problem.layout.degrees)
     if lack is None:
         return out
+    scattered = lack.found if scattered is None else scattered
     place = {int(k): i for i, k in enumerate(lack.blocks.parameters)}
     variance = found.run.belief.standard_deviation**2
     for group in SENSOR_GROUPS:
@@ -131,7 +137,7 @@ def larger_deviations(found: Estimate, lack: LackOfFit | None) -> Array:
         values, vectors = np.linalg.eigh(expected / np.outer(size, size))
         kept = values > _MIN_SHARE
         white = vectors[:, kept] / np.sqrt(values[kept])
-        scaled = lack.found[np.ix_(own, own)] / np.outer(size, size)
+        scaled = scattered[np.ix_(own, own)] / np.outer(size, size)
         parts = lack.covariance[:, own[:, None], own] / np.outer(size, size)
         degrees = float(degrees_of(white.T @ parts @ white))
         ratio = float(np.trace(white.T @ scaled @ white)) / int(kept.sum())

@@ -92,7 +92,7 @@ def compare_splits(found: Estimate, lack: LackOfFit | None) -> tuple[tuple[Split
         subset = _upper_half(value, lack.blocks, P)
         if min(int(subset.sum()), int((~subset).sum())) < _MIN_PARTS:
             continue
-        larger = larger_deviations(found, within_subsets(lack, subset))
+        larger = larger_deviations(found, lack, within_subsets(lack, subset))
         scale = found.correlation_factor * larger[constant]
         information = lack.blocks.information[subset].sum(axis=0)
         moved = P @ lack.blocks.score[subset].sum(axis=0)

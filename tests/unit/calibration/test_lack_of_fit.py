@@ -92,7 +92,7 @@ def test_a_change_between_the_halves_is_no_scatter_within_them(designs):
         blocks, P, _ = regression(designs, noise)
         lack = scatter(blocks, P)
         about.append(np.diag(lack.found) / np.diag(lack.expected))
-        within.append(np.diag(within_subsets(lack, lack.blocks.ends <= BLOCKS // 2).found) / np.diag(lack.expected))
+        within.append(np.diag(within_subsets(lack, lack.blocks.ends <= BLOCKS // 2)) / np.diag(lack.expected))
     assert np.mean(about) > 2.0
     assert 0.8 < np.mean(within) < 0.6 * np.mean(about)
 
