@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.inertial.readings import Readings
@@ -61,9 +62,10 @@ def prepare_recording(
     compared = repaired(compare(recording, reference, executor))
     recording, reference, fit = compared.recording, compared.reference, compared.fit
     site, of_site = site_of(recording.settings.site)
-    stillness = imu_stillness(recording.imu)
+    stillness, stamps = executor(
+        [partial(imu_stillness, recording.imu), partial(stamp_errors, compared.readings, reference, fit)]
+    )
     assumed = assumed_noise(recording.settings.reference, recording.reference_kind, reference)
-    stamps = stamp_errors(compared.readings, reference, fit)
     assumed = replace(assumed, stamp=max(assumed.stamp, stamps.deviation))
     standstills = find_standstills(stillness, reference, fit.clock, assumed)
     outside = standstill_outside(recording.imu, stillness, reference, fit.clock)

@@ -82,16 +82,16 @@ class Repetition:
         Of the parameters that the parts say something of.
     total, moving
         Variance of each (n,), and the part of it that comes from the data.
-    spread, gain
-        For each part: squared loads of the parameters on independent directions (n, n), and what the part adds to the
+    loads, gain : (k, n, n), (k, n)
+        For each part: squared loads of the parameters on independent directions, and what the part adds to the
         information along each of these, relative.
     """
 
     places: Indices
     total: Array
     moving: Array
-    spread: tuple[Array, ...]
-    gain: tuple[Array, ...]
+    loads: Array
+    gain: Array
 
     @classmethod
     def of(cls, outcome: Outcome, budget: Budget) -> Repetition | None:
@@ -106,21 +106,25 @@ class Repetition:
         size = np.sqrt(np.diag(P))
         L = np.linalg.cholesky(P / np.outer(size, size))
         information = lack.blocks.information * np.outer(size, size)
-        spread, gain = [], []
-        for one in (*information, information.sum(axis=0)):
-            values, vectors = np.linalg.eigh(L.T @ (0.5 * (one + one.T)) @ L)
-            spread.append((size[:, None] * (L @ vectors)) ** 2)
-            gain.append(np.maximum(values, 0.0))
+        information = np.concatenate([information, information.sum(axis=0)[None]])
+        gain, vectors = np.linalg.eigh(L.T @ (0.5 * (information + np.swapaxes(information, 1, 2))) @ L)
         total = budget.deviation[places] ** 2
         moving = np.minimum(np.diag(P) * estimate.correlation_factor**2, total)
-        return cls(places, total, moving, tuple(spread), tuple(gain))
+        return cls(places, total, moving, (size[:, None] * (L @ vectors)) ** 2, np.maximum(gain, 0.0))
 
     def deviation(self, part: int, times: float, places: Indices) -> float:
         """Return the rms deviation of some parameters if a part is repeated; -1 is all parts."""
-        own = np.isin(self.places, places)
-        now = self.spread[part][own].sum(axis=1)
-        then = (self.spread[part][own] / (1.0 + times * self.gain[part])).sum(axis=1)
-        return float(np.sqrt(np.mean(self.total[own] - self.moving[own] * (1.0 - then / now))))
+        return float(self._deviations(np.array([part]), np.array([times]), places)[0])
+
+    def with_each(self, times: Array, places: Indices) -> Array:
+        """Return the rms deviations (k,) of some parameters, if each part alone is repeated some times (k,)."""
+        return self._deviations(np.arange(times.size), times, places)
+
+    def _deviations(self, parts: Indices, times: Array, places: Indices) -> Array:
+        own = np.flatnonzero(np.isin(self.places, places))
+        loads = self.loads[parts[:, None], own]
+        then = (loads / (1.0 + times[:, None] * self.gain[parts])[:, None, :]).sum(axis=2) / loads.sum(axis=2)
+        return np.asarray(np.sqrt(np.mean(self.total[own] - self.moving[own] * (1.0 - then), axis=1)))
 
 
 def improvement_table(outcome: Outcome) -> Table | None:
@@ -169,18 +173,20 @@ def _advice(
 
 def _fewest(repeated: Repetition, blocks: list[Block], part: BudgetPart) -> tuple[int, int] | None:
     """Return the part of the recording that halves a deviation in the least time, and how often; None if none does."""
-    whole = blocks[-1].stop - blocks[0].start
+    lengths = np.array([max(block.stop - block.start, 1e-3) for block in blocks])
+    limits = np.floor(_LONGEST * (blocks[-1].stop - blocks[0].start) / lengths)
+    enough = repeated.with_each(limits, part.places) <= _AIM * part.deviation
     best: tuple[float, int, int] | None = None
-    for k, block in enumerate(blocks):
-        lasts = max(block.stop - block.start, 1e-3)
-        most = int(_LONGEST * whole / lasts) if best is None else int(best[0] / lasts)
+    for k in np.flatnonzero(enough).tolist():
+        lasts = float(lengths[k])
+        most = int(limits[k]) if best is None else int(best[0] / lasts)
         if most < 1 or repeated.deviation(k, most, part.places) > _AIM * part.deviation:
             continue
         low, high = 0, most
         while high - low > 1:
             middle = (low + high) // 2
-            enough = repeated.deviation(k, middle, part.places) <= _AIM * part.deviation
-            low, high = (low, middle) if enough else (middle, high)
+            reached = repeated.deviation(k, middle, part.places) <= _AIM * part.deviation
+            low, high = (low, middle) if reached else (middle, high)
         if best is None or high * lasts < best[0]:
             best = (high * lasts, k, high)
     return None if best is None else (best[1], best[2])
