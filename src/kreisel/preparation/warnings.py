@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from kreisel.geometry.rotation import Array
 from kreisel.model.standstill import OutsideStandstill
 from kreisel.preparation.preparation import ImuNoise
 from kreisel.preparation.reference_noise import stamp_resolution
 from kreisel.recording.recording import DataWarning, ReferencePoses
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.stamp_errors import StampErrors
+from kreisel.units import DEG
 
 _MIN_COMMON_SHARE = 0.7
 """Share of the shorter of the two that IMU and reference have in common usually."""
@@ -39,12 +43,20 @@ def overlap_warning(end: float, reference: ReferencePoses, clock: Clock) -> list
     return [DataWarning("overlap", message)]
 
 
-def standstill_warning(outside: OutsideStandstill | None) -> list[DataWarning]:
+def standstill_warning(outside: OutsideStandstill) -> DataWarning:
     """Return the warning that a standstill without reference was used."""
-    if outside is None:
-        return []
     message = f"{outside.seconds:.1f} s of standstill without reference used for the gyro offset's start value"
-    return [DataWarning("standstill", message)]
+    return DataWarning("standstill", message)
+
+
+def turning_warning(outside: OutsideStandstill, away: Array) -> DataWarning:
+    """Return the warning that the device turned where it seems to stand still. away: from the offset, rad/s (3,)."""
+    message = (
+        f"for {outside.seconds:.1f} s without poses the IMU seems to stand still, but its gyros read up to "
+        f"{float(np.max(np.abs(away))) / DEG:.2g} deg/s more or less than at rest by the poses: it turned steadily, "
+        "and this time is not used"
+    )
+    return DataWarning("standstill", message)
 
 
 def misstated_warnings(noise: ImuNoise) -> list[DataWarning]:
