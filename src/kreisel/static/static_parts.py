@@ -67,8 +67,10 @@ def parts_of(recording: Recording, found: StaticEstimate, judged: Judged) -> Cal
         return out
 
     others = {group_named(g).path: Measured(p.stored(g), whole(g)) for g in other_groups() if g in layout}
-    down = np.array([0.0, 0.0, 1.0]) if problem.own_frame else _down(found)
-    gravity = Measured(p.gravity * down, float(whole("gravity")[0]) * np.abs(down))
+    size = float(whole("gravity")[0])
+    gravity = Measured(np.array([0.0, 0.0, p.gravity]), np.array([0.0, 0.0, size]))
+    if not problem.own_frame:
+        gravity = _gravity(found, size)
     sensor_sd = sensor_fields({group: whole(group) for group in SENSOR_GROUPS})
     return CalibrationParts(
         sensors=p.sensors,
@@ -89,10 +91,16 @@ def parts_of(recording: Recording, found: StaticEstimate, judged: Judged) -> Cal
     )
 
 
-def _down(found: StaticEstimate) -> Array:
-    """Return down in the reference frame, (3,)."""
-    known = next(one for one in found.problem.known if isinstance(one, PoseAttitudes))
-    return np.asarray(known.frame(found.parameters)[:, 2])
+def _gravity(found: StaticEstimate, size: float) -> Measured:
+    """Return gravity in the reference frame. size: deviation of its magnitude, m/s^2."""
+    problem, g = found.problem, found.parameters.gravity
+    known = next(one for one in problem.known if isinstance(one, PoseAttitudes))
+    frame, tilt = known.frame(found.parameters), problem.layout["reference"]
+    index = np.r_[problem.layout["gravity"], tilt]
+    J = np.column_stack([frame[:, 2], g * frame[:, 1], -g * frame[:, 0]])
+    P = found.covariance[np.ix_(index, index)].copy()
+    P[0, 0] = size**2
+    return Measured(g * frame[:, 2], np.sqrt(np.einsum("ij,jk,ik->i", J, P, J)))
 
 
 def _facts(recording: Recording, problem: RestProblem, judged: Judged) -> RecordingFacts:

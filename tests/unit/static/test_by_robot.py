@@ -50,7 +50,9 @@ def test_the_truth_is_found(calibrated):
         score = (found - true).ravel() / sd[layout[group]]
         assert np.abs(score).max() < 4.0
         assert np.sqrt(np.mean(score**2)) < 1.8
-    np.testing.assert_allclose(calibration.alignment.gravity.value, truth.gravity_r, atol=0.02)
+    gravity = calibration.alignment.gravity
+    assert (np.abs(gravity.value - truth.gravity_r) < 4.0 * gravity.deviation).all()
+    assert (gravity.deviation[:2] < 0.01).all()
 
 
 def test_errors_of_the_arm_are_estimated_where_joints_are_recorded(calibrated):
