@@ -43,6 +43,9 @@ _SURE_IN_PART = 0.93
 """Coefficient of a part, from which it is accepted. Chosen between `MIN_CORRELATION` and `_SURE`: a short interval fits
 fairly well in many places."""
 
+_MIN_IN_COMMON = 0.5
+"""Share of the reference that lies within the recording by the stamps, from which they may be of one clock. Chosen."""
+
 _MIN_OVERLAP = 0.25
 """Share of the shorter stream that must overlap, in the search of parts. Chosen: shorter ones fit by chance in many
 places."""
@@ -105,7 +108,7 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
             "moves"
         )
         raise SynchronizationError(f"{reference.source}: {found}")
-    clock, final = _related(x, y)
+    clock, final = _as_stamped(imu, reference, x, y) or _related(x, y)
     if not final >= _SURE and reference.quaternions is not None:
         # the quietest second may be no standstill
         other = _related(_of_imu(imu, reference, fine, at_rest=False), y)
@@ -118,6 +121,20 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
             correlation=final,
         )
     return Correlation(clock, final)
+
+
+def _as_stamped(imu: ImuSamples, reference: ReferencePoses, x: _Norm, y: _Norm) -> tuple[Clock, float] | None:
+    """Return the clock relation near that of stamps of one clock, and its coefficient; None if they are of two.
+
+    A motion that repeats itself correlates as well at every period, and the stamps say which one is right.
+    """
+    same = Clock(1e-9 * float(int(reference.stamps_ns[0]) - int(imu.stamps_ns[0])))
+    common = float(np.mean(np.isfinite(x.at(same.imu_time(y.stamps)))))
+    if common < _MIN_IN_COMMON or not _coefficient(x, y, same) >= _SURE_IN_PART:
+        return None
+    clock = _track(x, y, same)
+    final = _coefficient(x, y, clock)
+    return (clock, final) if final >= _SURE else None
 
 
 def correlate_imus(imu: ImuSamples, other: ImuSamples) -> Correlation:
