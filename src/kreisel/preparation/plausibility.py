@@ -188,7 +188,7 @@ def _check_lengths(reference: ReferencePoses, fit: AccelerationFit, *, arm: bool
     arm: whether the poses are of an arm with known joint angles.
     """
     low, high = fit.scale
-    if low < MAX_SCALE and high > 1.0 / MAX_SCALE:
+    if (low < MAX_SCALE and high > 1.0 / MAX_SCALE) or fit.size < MIN_ACCELERATION:
         return
     scale = low if low >= MAX_SCALE else high
     evidence = f"the positions move {scale:.4g} times as far as the accelerometers measure"

@@ -19,13 +19,15 @@ ARM, OFFSET = np.array([0.1, -0.05, 0.2]), np.array([0.3, -0.2, 0.1])
 MOUNT = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix() @ np.diag([1.02, 0.97, 1.01])
 
 
-def windows_of(K=MOUNT, count=200, seed=0, scale=1.0, motion=2.0, p_noise=0.0, a_noise=0.0):
+def windows_of(K=MOUNT, count=200, seed=0, scale=1.0, motion=2.0, p_noise=0.0, a_noise=0.0, turns=None):
     """Windows of a motion drawn at random, as regressor (count, 3, 15) and reference (count, 3).
 
     With u = C a' the regressor's couplings, C its offsets and B its lever arm, a + B r = C (K a' + K k) + g.
     """
     rng = np.random.default_rng(seed)
     C = Rotation.random(count, random_state=seed).as_matrix()
+    if turns is not None:
+        C = Rotation.from_rotvec(turns * rng.normal(size=(count, 3))).as_matrix() @ C[0]
     B = rng.normal(0.0, 3.0, (count, 3, 3))
     a = rng.normal(0.0, motion, (count, 3))
     force = np.einsum("nji,nj->ni", C, a - GRAVITY * DOWN - B @ ARM)
@@ -63,6 +65,18 @@ def test_the_true_scale_lies_between_the_bounds(p_noise, a_noise, scale):
     assert low < scale + 3.0 * scatter[0]
     assert high > scale - 3.0 * scatter[1]
     assert 0.9 * scale < low < high < 1.2 * scale
+
+
+@pytest.mark.parametrize("scale", [0.9, 1.1])
+def test_little_turning_shows_no_direction_of_gravity_and_no_scale(scale):
+    """Offsets are as good as gravity in any direction."""
+    for seed in range(4):
+        little, much = (
+            _fit(*windows_of(seed=seed, scale=scale, p_noise=0.05, a_noise=0.05, turns=size), GRAVITY)
+            for size in (3e-3, 0.5)
+        )
+        assert little.scale == (0.0, np.inf)
+        assert much.scale == pytest.approx((scale, scale), abs=0.02)
 
 
 def test_positions_that_do_not_move_show_no_scale():

@@ -271,6 +271,11 @@ def test_positions_are_refused_only_where_both_bounds_lie_on_one_side(bounds, sa
             _check_lengths(recorded().reference, fit, arm=False)
 
 
+def test_positions_that_hardly_move_are_of_any_unit():
+    fit = AccelerationFit(np.eye(3), np.full((3, 3), 1e-3), (0.01, 0.05), 1.0, 1.0, 0.01)
+    _check_lengths(recorded().reference, fit, arm=False)
+
+
 @pytest.mark.parametrize("factor", [0.97, 1.03])
 def test_a_few_percent_are_let_pass(factor):
     check(with_poses(positions=factor * recorded().reference.positions))

@@ -96,3 +96,16 @@ def test_what_has_nothing_in_common_is_refused_with_the_coefficient() -> None:
     with pytest.raises(SynchronizationError, match=r"best correlation .* is -?0\.\d\d, expected 0\.6 or more") as error:
         correlate(replace(r.imu, rates=noise), r.reference)
     assert error.value.correlation < 0.6
+
+
+@pytest.mark.parametrize("period", [0, 1, 2])
+def test_of_a_motion_that_repeats_itself_the_period_by_the_stamps_is_taken(period: int) -> None:
+    """Three times the same motion before the IMU, once before the reference."""
+    r = simulated()
+    step, count = int(np.median(np.diff(r.imu.stamps_ns))), r.imu.stamps_ns.size
+    stamps = r.imu.stamps_ns[0] + step * np.arange(3 * count)
+    imu = replace(
+        r.imu, stamps_ns=stamps, rates=np.tile(r.imu.rates, (3, 1)), accelerations=np.tile(r.imu.accelerations, (3, 1))
+    )
+    later = replace(r.reference, stamps_ns=r.reference.stamps_ns + period * count * step)
+    assert offset(imu, later) == pytest.approx(TRUE_OFFSET, abs=0.01)
