@@ -19,6 +19,7 @@ from kreisel.recording.recording import excerpt
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import CONTRADICTION, imu_density
 from kreisel.refinement.prior_conflict import MAX_SCORE, OFFSETS, prior_scores
+from kreisel.refinement.turning_reference import turn_found, turn_in_words
 from kreisel.validation.stamp_checks import runs
 
 _WALKS = {
@@ -144,6 +145,9 @@ def _site(estimate: Estimate, latitude: LatitudeCheck | None) -> list[Cause]:
         text = f"the stated latitude of {latitude.stated_deg:.4g} deg; the gyros show {latitude.found_deg:.1f} deg"
         mistaken = sum(e.gain for e in estimate.considered if e.included and e.group == "gyro_g_sensitivity")
         out.append(Cause("stated latitude", text, 0.5 * latitude.score**2 + mistaken))
+    turn = None if estimate.stated is None else turn_found(estimate.stated, estimate.problem, estimate.run)
+    if turn is not None:
+        out.append(Cause("turning reference", turn_in_words(*turn), 0.5 * (turn[0] / turn[1]) ** 2))
     if "gravity" in estimate.problem.layout:
         score = float(prior_scores(estimate.problem, estimate.run, "gravity", estimate.deviation).max())
         if score > MAX_SCORE:

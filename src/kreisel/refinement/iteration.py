@@ -35,6 +35,7 @@ from kreisel.refinement.nominal_values import with_nominal_values
 from kreisel.refinement.parameter_walk import found_walks, may_walk
 from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, prior_penalty, with_wider_priors
 from kreisel.refinement.settling import Settling
+from kreisel.refinement.turning_reference import MIMICS, OF_EARTH, turn_of, turn_warning, with_turn
 from kreisel.refinement.wrong_stamps import wrong_stamps_warning
 from kreisel.tasks import Executor, sequential
 
@@ -161,10 +162,11 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     if adapted:
         warnings.append(noise_warning(passes.problem, given=work.given.reference and work.given.imu))
     warnings += [*wrong_stamps_warning(passes.problem), *_whiteness(passes.problem, factor)]
+    warnings += turn_warning(problem, passes.problem, passes.run)
     last = _last_survey(passes, work)
     found = passes.problem
     run, errors = with_nominal_values(found, passes.run, factor)
-    included = tuple(g for g in found.groups if g not in problem.groups)
+    included = tuple(g for g in found.groups if g not in (*problem.groups, *OF_EARTH))
     before = problem.noise.offset_walk
     walks = {g: gain for g, gain in passes.walk_gain.items() if found.noise.offset_walk[g] > before.get(g, 0.0)}
     estimate = Estimate(
@@ -316,8 +318,8 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         if walk is None and correlation > _LASTING and _contradiction(first, problem, work.given) > _HARDLY_NOISE:
             again = work.estimator.repeat(quiet, run, step)
             walk = found_walks(quiet, again, work.estimator, least, step, work.executor)
-        larger = [] if walk is None else [(walk[0], run)]
-        larger += [found.conditioned(chosen)] if found is not None and chosen else []
+        larger: list[tuple[Problem, Fit | None]] = [] if walk is None else [(walk[0], run)]
+        larger += [] if found is None else _with_chosen(found, chosen)
         as_it_is = replace(passes, count=count, survey=found, surveyed=problem)
         if not larger:
             return as_it_is
@@ -335,10 +337,23 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
     return passes
 
 
+def _with_chosen(found: Survey, chosen: tuple[str, ...]) -> list[tuple[Problem, Fit | None]]:
+    """Return the problem with chosen effects, and the fit that its passes begin near: none, or one.
+
+    A turn of the reference takes the place of gyros that would respond to acceleration as it looks.
+    """
+    rate = turn_of(found) if MIMICS in chosen else 0.0
+    kept = tuple(group for group in chosen if group != MIMICS or rate == 0.0)
+    problem, fit = found.conditioned(kept) if kept else (found.before, found.fit)
+    if rate:
+        return [(with_turn(problem, fit, rate), None)]
+    return [(problem, fit)] if kept else []
+
+
 def _without_needless(first: Problem, passes: _Passes, work: _Work) -> _Passes:
     """Return the passes without effects for which there is no evidence beside those that were found after them."""
     for _ in range(MAX_ROUNDS):
-        included = tuple(g for g in passes.problem.groups if g not in first.groups)
+        included = tuple(g for g in passes.problem.groups if g not in (*first.groups, *OF_EARTH))
         less = without_needless(passes.problem, passes.run, included)
         if less is None:
             break

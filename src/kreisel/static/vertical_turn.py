@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.calibration.latitude_check import SEEN, same_in_all_axes
+from kreisel.calibration.latitude_check import SEEN
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import EARTH_RATE
+from kreisel.refinement.turning_reference import same_in_all_axes
 from kreisel.static.multi_position import StaticEstimate
 
 _MIMICS = "gyro_g_sensitivity"

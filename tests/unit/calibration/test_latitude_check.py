@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from kreisel.calibration.latitude_check import SEEN, _compared, _isotropic, _with_free_earth_rate, check_latitude
+from kreisel.calibration.latitude_check import SEEN, _compared, _isotropic, check_latitude
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import usual_covariance, with_groups
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.prepare import prepare_recording
+from kreisel.refinement.turning_reference import with_free_earth_rate
 
 from ...small_cell import simulate
 from ...small_problem import estimate_of, small_problem, small_run
@@ -154,7 +155,7 @@ def test_gyros_that_do_not_see_the_earth_turn_check_nothing():
 
 def test_the_free_problem_begins_at_the_run_and_knows_nothing_of_the_rotation():
     problem, run = quiet_cell()
-    free = _with_free_earth_rate(problem, run)
+    free = with_free_earth_rate(problem, run)
     assert free.site.earth_rate_units == (EARTH_RATE, EARTH_RATE)
     assert free.groups == tuple(
         g for known in problem.groups for g in ((known, "earth_down") if known == "north" else (known,))
