@@ -318,8 +318,8 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
         if walk is None and correlation > _LASTING and _contradiction(first, problem, work.given) > _HARDLY_NOISE:
             again = work.estimator.repeat(quiet, run, step)
             walk = found_walks(quiet, again, work.estimator, least, step, work.executor)
-        larger: list[tuple[Problem, Fit | None]] = [] if walk is None else [(walk[0], run)]
-        larger += [] if found is None else _with_chosen(found, chosen)
+        larger = [] if walk is None else [(walk[0], run)]
+        larger += [] if found is None else _with_chosen(found, chosen, work.estimator)
         as_it_is = replace(passes, count=count, survey=found, surveyed=problem)
         if not larger:
             return as_it_is
@@ -337,8 +337,8 @@ def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:
     return passes
 
 
-def _with_chosen(found: Survey, chosen: tuple[str, ...]) -> list[tuple[Problem, Fit | None]]:
-    """Return the problem with chosen effects, and the fit that its passes begin near: none, or one.
+def _with_chosen(found: Survey, chosen: tuple[str, ...], estimator: Estimator) -> list[tuple[Problem, Fit]]:
+    """Return the problem with chosen effects and the fit that its passes begin near; empty if none is chosen.
 
     A turn of the reference takes the place of gyros that would respond to acceleration as it looks.
     """
@@ -346,7 +346,8 @@ def _with_chosen(found: Survey, chosen: tuple[str, ...]) -> list[tuple[Problem, 
     kept = tuple(group for group in chosen if group != MIMICS or rate == 0.0)
     problem, fit = found.conditioned(kept) if kept else (found.before, found.fit)
     if rate:
-        return [(with_turn(problem, fit, rate), None)]
+        turning = with_turn(problem, fit, rate)
+        return [(turning, estimator.fit(turning, gate=WIDE_GATE))]
     return [(problem, fit)] if kept else []
 
 

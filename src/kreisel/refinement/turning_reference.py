@@ -38,10 +38,11 @@ def turn_of(found: Survey) -> float:
     if MIMICS not in found.groups:
         return 0.0
     value, P = found.alone((MIMICS,))
-    rate = float(np.mean(value[::4])) * problem.site.gravity if value.size == 9 else 0.0
-    if abs(rate) < _NO_LATITUDE * EARTH_RATE or same_in_all_axes(value, P, found.usual[MIMICS]) < BY_CHANCE:
-        return 0.0
-    return abs(rate)
+    rate = abs(float(np.mean(value[::4]))) * problem.site.gravity if value.size == 9 else 0.0
+    if "earth_down" in problem.layout:  # without a latitude it has taken a part
+        rate += abs(found.fit.parameters.earth_down) * EARTH_RATE
+    known = rate > _NO_LATITUDE * EARTH_RATE and same_in_all_axes(value, P, found.usual[MIMICS]) > BY_CHANCE
+    return rate if known else 0.0
 
 
 def with_turn(problem: Problem, run: Fit, rate: float) -> Problem:
