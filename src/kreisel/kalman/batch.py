@@ -76,7 +76,7 @@ class Batch:
         about, ends, found = _about(problem, start, near), block_ends(problem), [begun]
         run = _run(problem, start, begun, about, WIDE_GATE, progress, dict.fromkeys(ends, found.append), slopes)
         fit, known = with_stated_prior(problem, run, begun), elimination(problem, run, begun)
-        return LinearRun(problem, near, run, fit, known, slopes, np.asarray(ends), found)
+        return LinearRun(problem, near, run, fit, known, slopes, np.asarray(ends), found, with_stated_prior)
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:
         """Return the innovations of navigation with known parameters; none is rejected."""

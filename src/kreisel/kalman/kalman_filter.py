@@ -66,7 +66,7 @@ class KalmanFilter:
             visit=dict.fromkeys(ends, found.append), slopes=slopes,
         )  # fmt: skip
         fit, known = with_stated_prior(problem, run, begun), elimination(problem, run, begun)
-        return LinearRun(problem, near, run, fit, known, slopes, np.asarray(ends), found)
+        return LinearRun(problem, near, run, fit, known, slopes, np.asarray(ends), found, with_stated_prior)
 
     def navigate(self, problem: Problem, known: CellParameters, progress: StepProgress | None = None) -> Fit:
         """Return the innovations of navigation with known parameters; none is rejected."""

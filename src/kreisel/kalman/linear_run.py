@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +18,6 @@ from kreisel.fitting.terms import Linearisation, Scores, Terms
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.kalman.elimination import Elimination
 from kreisel.kalman.noise_shares import variance_of_reference
-from kreisel.kalman.prior_exchange import with_stated_prior
 from kreisel.kalman.run_slopes import Slopes
 from kreisel.kalman.scores import Gradients, gradients, scores_of, walk_score
 from kreisel.kalman.sensitivity import Sensitivity
@@ -41,6 +41,8 @@ class LinearRun:
         Of all its updates.
     ends, found
         Updates before which blocks end, and the beliefs before the first of all and at these.
+    with_prior
+        Returns a run of a problem with the stated prior in place of the belief that it began with.
     """
 
     problem: Problem
@@ -51,6 +53,7 @@ class LinearRun:
     slopes: Slopes
     ends: Indices
     found: list[Belief]
+    with_prior: Callable[[Problem, Fit, Belief], Fit]
 
     @cached_property
     def blocks(self) -> Blocks | None:
@@ -74,7 +77,7 @@ class LinearRun:
             parameters=parameters_of(self.problem, self.run.start, belief.mean),
             history=self.run.history.first(count),
         )
-        return with_stated_prior(part_of(self.problem, slice(0, count)), run, self.found[0])
+        return self.with_prior(part_of(self.problem, slice(0, count)), run, self.found[0])
 
     def about(self, terms: Terms, *, innovations: bool = False) -> Linearisation:
         """Return what the data say of terms outside the state."""

@@ -10,6 +10,9 @@ from kreisel.geometry.rotation import Array, matrix
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.model.parameters import CellParameters
 
+EARTH_SD = 3**-0.5
+"""Deviation of each component of a vector of unit length and unknown direction."""
+
 
 @dataclass(frozen=True)
 class Site:

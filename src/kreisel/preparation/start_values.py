@@ -17,6 +17,7 @@ from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.groups import USUAL_SKEW
 from kreisel.model.parameters import ROBOT_GROUPS, CellParameters, RobotParameters
 from kreisel.model.robot_model import RobotModel
+from kreisel.model.site import EARTH_SD
 from kreisel.preparation.attitude import alignment_from_gravity
 from kreisel.preparation.preparation import ImuNoise, Preparation
 from kreisel.units import DEG
@@ -36,7 +37,6 @@ _TURN = 0.2
 """rad; standard deviation of the mount found from the rates."""
 
 _NORTH_SD = 0.7  # of each component of a level vector of unit length and unknown direction: the root of 1/2
-EARTH_SD = 3**-0.5  # of each component of a vector of unit length and unknown direction
 _POLYNOMIAL_SD = (0.02, 0.005)  # SI, gyros and accelerometers; chosen: `usual_sd` of these groups in `model.groups`
 
 _BENT_GYRO, _BENT_ACCEL, _BENT_CROSS_COUPLING = 0.01, 0.3, 0.02

@@ -342,7 +342,9 @@ def _with_chosen(found: Survey, chosen: tuple[str, ...], estimator: Estimator) -
 
     A turn of the reference takes the place of gyros that would respond to acceleration as it looks.
     """
-    rate = turn_of(found) if MIMICS in chosen else 0.0
+    rate = 0.0
+    if MIMICS in chosen:
+        rate = turn_of(found.before, found.fit, *found.alone((MIMICS,)), found.usual[MIMICS])
     kept = tuple(group for group in chosen if group != MIMICS or rate == 0.0)
     problem, fit = found.conditioned(kept) if kept else (found.before, found.fit)
     if rate:

@@ -10,9 +10,8 @@ from kreisel.fitting.fit import Fit
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.model.problem import Problem, with_groups
-from kreisel.preparation.start_values import EARTH_SD
+from kreisel.model.site import EARTH_SD
 from kreisel.recording.recording import DataWarning
-from kreisel.refinement.effect_selection import Survey
 from kreisel.units import DEG
 
 OF_EARTH = ("north", "earth_down")
@@ -29,19 +28,22 @@ _NO_LATITUDE = 3.0
 """Earth's rates beyond which a turn is that of the reference: a wrong latitude makes two at most."""
 
 
-def turn_of(found: Survey) -> float:
-    """Return the rate, rad/s, of the turn about the vertical that a survey's response to acceleration stands for.
+def turn_of(problem: Problem, run: Fit, value: Array, P: Array, prior: Array) -> float:
+    """Return the rate, rad/s, of the turn about the vertical that a response of gyros to acceleration stands for.
 
-    Zero where it stands for none: not for the same in all axes, or for what a wrong latitude may be.
+    Zero where it stands for none: where it is not the same in all axes, or what a wrong latitude may be.
+
+    Parameters
+    ----------
+    problem, run
+        Without that response, and the fit of it.
+    value, P, prior
+        See `same_in_all_axes`.
     """
-    problem = found.before
-    if MIMICS not in found.groups:
-        return 0.0
-    value, P = found.alone((MIMICS,))
     rate = abs(float(np.mean(value[::4]))) * problem.site.gravity if value.size == 9 else 0.0
     if "earth_down" in problem.layout:  # without a latitude it has taken a part
-        rate += abs(found.fit.parameters.earth_down) * EARTH_RATE
-    known = rate > _NO_LATITUDE * EARTH_RATE and same_in_all_axes(value, P, found.usual[MIMICS]) > BY_CHANCE
+        rate += abs(run.parameters.earth_down) * EARTH_RATE
+    known = rate > _NO_LATITUDE * EARTH_RATE and same_in_all_axes(value, P, prior) > BY_CHANCE
     return rate if known else 0.0
 
 
