@@ -50,7 +50,7 @@ def standstill_warning(outside: OutsideStandstill) -> DataWarning:
 
 
 def turning_warning(outside: OutsideStandstill, away: Array) -> DataWarning:
-    """Return the warning that gyros read something else where the device seems to stand still. away: from the offset, rad/s (3,)."""
+    """Return the warning that gyros contradict a standstill. away: from their offset by the poses, rad/s (3,)."""
     message = (
         f"for {outside.seconds:.1f} s without poses the IMU seems to stand still, but its gyros read up to "
         f"{float(np.max(np.abs(away))) / DEG:.2g} deg/s more or less than at rest by the poses: it turned steadily, "
