@@ -64,6 +64,8 @@ class LackOfFit:
         What the model expects of it.
     found : (n, n)
         Covariance of the estimate by the scatter of the blocks.
+    degrees
+        Blocks that count for a parameter, in the median: those that say about as much as each other.
     names
         Of the parameters.
     """
@@ -72,6 +74,7 @@ class LackOfFit:
     influence: Array
     covariance: Array
     found: Array
+    degrees: float
     names: tuple[str, ...] = ()
 
     @cached_property

@@ -63,16 +63,17 @@ def scatter(blocks: Blocks, P: Array) -> LackOfFit:
     reduced = P @ (blocks.information - blocks.information @ P @ blocks.information) @ P
     influence = blocks.score @ P
     found = influence.T @ influence
-    each = _degrees_of_each(np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0))
+    own = np.maximum(np.diagonal(reduced, axis1=1, axis2=2), 0.0)
+    degrees = float(np.median(degrees_of(own.T[:, :, None, None])))
     weights = [2.0 * (1.0 - lag / (_LAGS + 1)) for lag in range(1, min(_LAGS, len(influence) - 1) + 1)]
     neighbours = sum(
         (weight * np.sum(influence[lag:] * influence[:-lag], axis=0) for lag, weight in enumerate(weights, start=1)),
         np.zeros(len(P)),
     )
     more = neighbours / np.maximum(np.diag(found), 1e-300)
-    chance = _BEYOND * math.hypot(*weights) / float(np.median(each)) ** 0.5
+    chance = _BEYOND * math.hypot(*weights) / degrees**0.5
     larger = np.sqrt(1.0 + np.where(more > chance, more, 0.0))
-    return LackOfFit(blocks, influence, reduced, larger[:, None] * found * larger)
+    return LackOfFit(blocks, influence, reduced, larger[:, None] * found * larger, degrees)
 
 
 def degrees_of(covariance: Array) -> Array:
@@ -89,11 +90,6 @@ def degrees_of(covariance: Array) -> Array:
     """
     mean = np.trace(covariance.sum(axis=-3), axis1=-2, axis2=-1)
     return np.asarray(np.maximum(1.0, mean**2 / np.maximum(np.sum(covariance**2, axis=(-3, -2, -1)), 1e-300)))
-
-
-def _degrees_of_each(variance: Array) -> Array:
-    """Return the degrees of freedom (n,) of each parameter's scatter, by the variances of its influences (B, n)."""
-    return degrees_of(variance.T[:, :, None, None])
 
 
 def within_subsets(lack: LackOfFit, subset: Mask) -> Array:
@@ -127,7 +123,6 @@ def larger_deviations(found: Estimate, lack: LackOfFit | None, scattered: Array 
     scattered = lack.found if scattered is None else scattered
     place = {int(k): i for i, k in enumerate(lack.blocks.parameters)}
     variance = found.run.belief.standard_deviation**2
-    usual = float(np.median(_degrees_of_each(lack.variance)))
     for group in SENSOR_GROUPS:
         if group not in problem.layout:
             continue
@@ -148,7 +143,7 @@ def larger_deviations(found: Estimate, lack: LackOfFit | None, scattered: Array 
         degrees = float(degrees_of(white.T @ parts @ white))
         ratio = float(np.trace(white.T @ scaled @ white)) / int(kept.sum())
         if ratio > chi_square_bound(_KNOWN_CHANCE if found.discrepancy else CHANCE, degrees) / degrees:
-            alone = np.diag(scaled) / (chi_square_bound(0.05, usual) / usual)
+            alone = np.diag(scaled) / (chi_square_bound(0.05, lack.degrees) / lack.degrees)
             out[shown] = np.sqrt(np.maximum(1.0, np.maximum(ratio, alone)))
     return out
 

@@ -68,9 +68,10 @@ class LinearRun:
 
         A fit by predicted readings does, for it is not by a run.
         """
-        if self.blocks is None or self.near.motion is not None or count not in self.ends:
+        at = np.flatnonzero(self.ends == count)
+        if self.blocks is None or self.near.motion is not None or at.size == 0:
             return None
-        belief = self.found[1 + self.ends.tolist().index(count)]
+        belief = self.found[1 + int(at[0])]
         run = replace(
             self.run,
             belief=belief,

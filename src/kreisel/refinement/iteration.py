@@ -25,12 +25,7 @@ from kreisel.refinement.correlated_innovations import bounded_likelihood, correl
 from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy
 from kreisel.refinement.effect_selection import Survey, considered, selected, survey, without_needless
 from kreisel.refinement.estimate import Estimate
-from kreisel.refinement.noise_adaptation import (
-    StatedFigures,
-    noise_ratios,
-    noise_warning,
-    with_noise_of,
-)
+from kreisel.refinement.noise_adaptation import StatedFigures, noise_ratios, noise_warning, with_noise_of
 from kreisel.refinement.nominal_values import with_nominal_values
 from kreisel.refinement.parameter_walk import found_walks, may_walk
 from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, prior_penalty, with_wider_priors

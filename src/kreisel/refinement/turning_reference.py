@@ -12,7 +12,7 @@ from kreisel.inertial.earth import EARTH_RATE
 from kreisel.model.problem import Problem, with_groups
 from kreisel.model.site import EARTH_SD
 from kreisel.recording.recording import DataWarning
-from kreisel.units import DEG
+from kreisel.units import DEG_PER_HOUR
 
 OF_EARTH = ("north", "earth_down")
 """The groups of the Earth's rotation, or of a reference that turns."""
@@ -65,7 +65,7 @@ def turn_found(first: Problem, last: Problem, run: Fit) -> tuple[float, float] |
     before = first.prior.covariance.get("earth_down", np.array([[EARTH_SD**2]]))
     if last.prior.covariance["earth_down"][0, 0] <= before[0, 0]:
         return None
-    unit = EARTH_RATE / DEG * 3600.0
+    unit = EARTH_RATE / DEG_PER_HOUR
     deviation = float(run.belief.standard_deviation[last.layout["earth_down"]][0])
     return unit * run.parameters.earth_down, unit * deviation
 

@@ -48,6 +48,7 @@ def test_where_the_model_is_right_the_scatter_is_what_is_expected(designs):
         found.append(lack.influence.T @ lack.influence)
     mean, sd = np.mean(found, axis=0), np.std(found, axis=0) / 600**0.5
     assert (np.abs(mean - lack.expected) < 4.0 * sd).all()
+    assert 0.6 * BLOCKS < lack.degrees <= BLOCKS
 
 
 def test_degrees_of_freedom_are_those_of_a_sum_of_squares():
@@ -80,6 +81,7 @@ def test_blocks_that_say_nothing_scatter_not():
         np.arange(PARAMETERS), np.arange(1, 9), np.zeros((8, PARAMETERS, PARAMETERS)), np.zeros((8, PARAMETERS))
     )
     lack = scatter(empty, np.eye(PARAMETERS))
+    assert lack.degrees == 1.0
     assert not lack.found.any()
 
 
