@@ -11,7 +11,12 @@ from kreisel.calibration.assembly import Assessment, assemble
 from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import CrossValidation, Evidence, LackOfFit, LatitudeCheck, Split, SplitHalves
 from kreisel.calibration.filter_budget import budget_of, filter_parts
-from kreisel.calibration.inflation import with_doubtful_latitude, with_unestimated_errors, with_walked_deviations
+from kreisel.calibration.inflation import (
+    with_doubtful_latitude,
+    with_open_periods,
+    with_unestimated_errors,
+    with_walked_deviations,
+)
 from kreisel.calibration.interval_check import interval_disagreement
 from kreisel.calibration.lack_of_fit import (
     lack_of_fit,
@@ -122,6 +127,7 @@ def run_calibration(
     seen = observability(found.problem, found.deviation)
     found = with_doubtful_latitude(with_walked_deviations(found, path_near), checks.latitude)
     seen = replace(seen, posterior=found.deviation[: len(seen.names)])
+    found = with_open_periods(found, preparation.correlation.periods)
     facts = consistency(found, preparation.correlation)
     known = _known_scores(preparation, settings, problem, given, progress)
     lack, halves = checks.lack, checks.halves

@@ -165,6 +165,16 @@ def with_doubtful_latitude(found: Estimate, check: LatitudeCheck | None) -> Esti
     return found.adding([Contribution("doubtful latitude", Source.PRIOR, column)], [DataWarning("site", message)])
 
 
+def with_open_periods(found: Estimate, periods: tuple[float, ...]) -> Estimate:
+    """Return the estimate with a deviation of the time offset for shifts that fit as well, s."""
+    layout = found.problem.layout
+    if not periods or "time_offset" not in layout:
+        return found
+    column = np.zeros((layout.degrees, 1))
+    column[layout["time_offset"]] = max(map(abs, periods))
+    return found.adding([Contribution("repeated motion", Source.CLOCKS, column)])
+
+
 def series_factor(found: Estimate) -> float:
     """Return the factor on deviations for delay and smoothing, the first terms of a series; 1 for small ones."""
     sizes = [

@@ -28,6 +28,7 @@ from kreisel.preparation.warnings import (
     noisy_stamps_warning,
     overlap_warning,
     reference_warnings,
+    repeated_warning,
     rounded_warning,
     standstill_warning,
     turning_warning,
@@ -95,6 +96,7 @@ def prepare_recording(
         warnings=(
             *of_restarts,
             *compared.warnings,
+            *repeated_warning(compared.correlation.periods),
             *time_base_warning(recording, fit.clock),
             *reference_warnings(reference),
             *overlap_warning(float(recording.imu.seconds[-1]), reference, fit.clock),

@@ -43,6 +43,19 @@ def overlap_warning(end: float, reference: ReferencePoses, clock: Clock) -> list
     return [DataWarning("overlap", message)]
 
 
+def repeated_warning(periods: tuple[float, ...]) -> list[DataWarning]:
+    """Return the warning that the clocks' offset is one of several. periods: shifts that fit as well, s."""
+    if not periods:
+        return []
+    message = (
+        f"the motion repeats itself, and the two clocks fit as well {abs(periods[0]):.4g} s earlier or later "
+        f"({len(periods)} other offsets, up to {max(map(abs, periods)):.4g} s away): the deviation of the time offset "
+        "contains them; sensors do not depend on it. Record both with stamps of one clock, or make a move once that is "
+        "not repeated"
+    )
+    return [DataWarning("clocks", message)]
+
+
 def standstill_warning(outside: OutsideStandstill) -> DataWarning:
     """Return the warning that a standstill without reference was used."""
     message = f"{outside.seconds:.1f} s of standstill without reference used for the gyro offset's start value"

@@ -50,6 +50,20 @@ _MIN_OVERLAP = 0.25
 """Share of the shorter stream that must overlap, in the search of parts. Chosen: shorter ones fit by chance in many
 places."""
 
+_APART = 1.0
+"""s; shifts nearer than this are one. Chosen: no programme of a robot is as short."""
+
+_NEARLY, _COARSENESS = 3.0, 0.02
+"""Of what a coarse coefficient lacks to 1: the factor, and the addition by the coarse step, with which another shift is
+looked at. Chosen: in 30 recordings of motion that does not repeat itself the best other shift lacks 0.2 and more."""
+
+_AS_WELL, _ROUNDED = 2.0, 2e-4
+"""The same of the fine coefficient, with which another shift fits as well. Chosen: shifts by periods of a robot's loop
+lack as much as the right one, within a tenth; a motion repeated by hand lacks a hundred times as much."""
+
+_MOST_PERIODS = 40
+"""Shifts that are looked at."""
+
 _GAP = 0.3
 """s without poses or samples, and several intervals, over which a norm is not known. Chosen: five windows of the
 average, 0.06 s; between poses that are farther apart a part of a move is missing."""
@@ -108,23 +122,32 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
             "moves"
         )
         raise SynchronizationError(f"{reference.source}: {found}")
-    clock, final = _as_stamped(imu, reference, x, y) or _related(x, y)
-    if not final >= _SURE and reference.quaternions is not None:
+    found = _relation(imu, reference, x, y)
+    if not found.coefficient >= _SURE and reference.quaternions is not None:
         # the quietest second may be no standstill
-        other = _related(_of_imu(imu, reference, fine, at_rest=False), y)
-        clock, final = max((clock, final), other, key=lambda one: np.nan_to_num(one[1]))
-    if not final >= MIN_CORRELATION:
+        other = _relation(imu, reference, _of_imu(imu, reference, fine, at_rest=False), y)
+        found = max(found, other, key=lambda one: np.nan_to_num(one.coefficient))
+    if not found.coefficient >= MIN_CORRELATION:
         raise SynchronizationError(
             f"{reference.source}: the poses do not fit the IMU readings: the best correlation of their rates over all "
-            f"shifts and clock ratios is {final:.2f}, expected {MIN_CORRELATION} or more. Do both belong to the same "
-            "run, do they overlap in time, and did the IMU move?",
-            correlation=final,
+            f"shifts and clock ratios is {found.coefficient:.2f}, expected {MIN_CORRELATION} or more. Do both belong "
+            "to the same run, do they overlap in time, and did the IMU move?",
+            correlation=found.coefficient,
         )
-    return Correlation(clock, final)
+    return found
 
 
-def _as_stamped(imu: ImuSamples, reference: ReferencePoses, x: _Norm, y: _Norm) -> tuple[Clock, float] | None:
-    """Return the clock relation near that of stamps of one clock, and its coefficient; None if they are of two.
+def _relation(imu: ImuSamples, reference: ReferencePoses, x: _Norm, y: _Norm) -> Correlation:
+    """Return the clock relation by which two norms correlate best."""
+    found = _as_stamped(imu, reference, x, y)
+    if found is None:
+        clock, coefficient = _related(x, y)
+        found = Correlation(clock, coefficient, _periods(x, y, clock, coefficient))
+    return found
+
+
+def _as_stamped(imu: ImuSamples, reference: ReferencePoses, x: _Norm, y: _Norm) -> Correlation | None:
+    """Return the clock relation near that of stamps of one clock; None if they are of two.
 
     A motion that repeats itself correlates as well at every period, and the stamps say which one is right.
     """
@@ -134,7 +157,7 @@ def _as_stamped(imu: ImuSamples, reference: ReferencePoses, x: _Norm, y: _Norm) 
         return None
     clock = _track(x, y, same)
     final = _coefficient(x, y, clock)
-    return (clock, final) if final >= _SURE else None
+    return Correlation(clock, final) if final >= _SURE else None
 
 
 def correlate_imus(imu: ImuSamples, other: ImuSamples) -> Correlation:
@@ -305,30 +328,57 @@ def _search(x: _Norm, y: _Norm, *, usual: bool = False) -> Clock:
 def _search_part(x: _Norm, y: _Norm) -> Clock:
     """Search as `_search` does, but compare only the overlap: one stream may begin or end much earlier."""
     xc, yc = _coarse(x, y)
-    known_x = xc.known.astype(float)
-    xv = known_x * (xc.value - xc.value.mean())
     best = (-1.0, 0.0, 0.0)
     for skew, yv, known_y in _rescaled(yc):
-        size = 2 ** int(np.ceil(np.log2(xv.size + yv.size)))
-        yv = known_y * (yv - yv.mean())
-        of_x = [np.fft.rfft(part, size) for part in (known_x, xv, xv**2)]
-        of_y = [np.conj(np.fft.rfft(part, size)) for part in (known_y, yv, yv**2)]
-        # sums over the overlap, for every shift: count, x, y, x^2, y^2, x y
-        count, sum_x, sum_y, square_x, square_y, product = (
-            np.fft.irfft(of_x[a] * of_y[b], size) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
-        )
-        n = np.maximum(np.round(count), 1.0)
-        spread_x, spread_y = square_x - sum_x**2 / n, square_y - sum_y**2 / n
-        # a standstill fits any other
-        enough = (n >= _MIN_OVERLAP * min(xv.size, yv.size)) & (
-            (spread_x > 0.1 * n * float(np.var(xv))) & (spread_y > 0.1 * n * float(np.var(yv)))
-        )
-        value = np.where(enough, product - sum_x * sum_y / n, 0.0) / np.sqrt(np.where(enough, spread_x * spread_y, 1.0))
+        value, lags = _over_shifts(xc, yv, known_y)
         k = int(np.argmax(value))
         if value[k] > best[0]:
-            best = (float(value[k]), skew, (k if k < xv.size else k - size) * xc.step)
+            best = (float(value[k]), skew, float(lags[k]))
     _, skew, lag = best
     return Clock(xc.first + lag - (1.0 + skew) * yc.first, skew)
+
+
+def _over_shifts(x: _Norm, y: Array, known_y: Array) -> tuple[Array, Array]:
+    """Return the coefficients of two norms over what they have in common, for every shift, and the shifts, s.
+
+    Zero where that is too short, or one of them hardly changes: a standstill fits any other.
+    """
+    known_x = x.known.astype(float)
+    size = 2 ** int(np.ceil(np.log2(x.value.size + y.size)))
+    u, v = known_x * (x.value - x.value.mean()), known_y * (y - y.mean())
+    of_x = [np.fft.rfft(part, size) for part in (known_x, u, u**2)]
+    of_y = [np.conj(np.fft.rfft(part, size)) for part in (known_y, v, v**2)]
+    # sums over the overlap, for every shift: count, x, y, x^2, y^2, x y
+    count, sum_x, sum_y, square_x, square_y, product = (
+        np.fft.irfft(of_x[a] * of_y[b], size) for a, b in ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
+    )
+    n = np.maximum(np.round(count), 1.0)
+    spread_x, spread_y = square_x - sum_x**2 / n, square_y - sum_y**2 / n
+    enough = (n >= _MIN_OVERLAP * min(u.size, v.size)) & (
+        (spread_x > 0.1 * n * float(np.var(u))) & (spread_y > 0.1 * n * float(np.var(v)))
+    )
+    value = np.where(enough, product - sum_x * sum_y / n, 0.0) / np.sqrt(np.where(enough, spread_x * spread_y, 1.0))
+    before = size - u.size  # shifts below zero stand at the end
+    return np.roll(value, before), x.step * np.arange(-before, u.size)
+
+
+def _periods(x: _Norm, y: _Norm, clock: Clock, coefficient: float) -> tuple[float, ...]:
+    """Return the shifts of a clock, s, by which two norms correlate as well as by the clock itself."""
+    if not coefficient >= MIN_CORRELATION:
+        return ()
+    xc, yc = _coarse(x, y)
+    value, lags = _over_shifts(xc, *_at_ratio(yc, clock.skew))
+    shifts = lags + xc.first - (1.0 + clock.skew) * yc.first - clock.start
+    here = float(value[int(np.argmin(np.abs(shifts)))])
+    peaks = np.r_[False, (value[1:-1] >= value[:-2]) & (value[1:-1] > value[2:]), False]
+    peaks &= (np.abs(shifts) > _APART) & (1.0 - value < _NEARLY * (1.0 - here) + _COARSENESS)
+    found = []
+    for shift in sorted(shifts[peaks], key=abs)[:_MOST_PERIODS]:
+        other = _track(x, y, replace(clock, start=clock.start + float(shift)))
+        away = other.start - clock.start
+        if abs(away) > _APART and 1.0 - _coefficient(x, y, other) < _AS_WELL * (1.0 - coefficient) + _ROUNDED:
+            found.append(away)
+    return tuple(found)
 
 
 def _coarse(x: _Norm, y: _Norm) -> tuple[_Norm, _Norm]:
@@ -344,14 +394,17 @@ def _coarser(x: _Norm, step: float) -> _Norm:
 
 def _rescaled(y: _Norm) -> Iterator[tuple[float, Array, Array]]:
     """Yield every clock ratio less one, y on the other clock, and 1 where it is known."""
-    length = y.value.size * y.step
-    ratio_step = min(4.0 * y.step / length, MAX_SKEW / 4.0)
+    ratio_step = min(4.0 / y.value.size, MAX_SKEW / 4.0)
     half = int(np.ceil(MAX_SKEW / ratio_step))
-    known = y.known.astype(float)
     for skew in ratio_step * np.arange(-half, half + 1):
-        tau = np.arange(0.0, length * (1.0 + skew) - y.step, y.step) / (1.0 + skew)
-        at = y.stamps - y.first
-        yield float(skew), np.interp(tau, at, y.value), np.interp(tau, at, known)
+        yield float(skew), *_at_ratio(y, float(skew))
+
+
+def _at_ratio(y: _Norm, skew: float) -> tuple[Array, Array]:
+    """Return y on a clock that runs faster by a share, and 1 where it is known."""
+    tau = np.arange(0.0, y.value.size * y.step * (1.0 + skew) - y.step, y.step) / (1.0 + skew)
+    at = y.stamps - y.first
+    return np.interp(tau, at, y.value), np.interp(tau, at, y.known.astype(float))
 
 
 def _track(x: _Norm, y: _Norm, clock: Clock) -> Clock:

@@ -12,10 +12,20 @@ from kreisel.synchronization.clock import Clock
 
 @dataclass(frozen=True)
 class Correlation:
-    """Result of the correlation: the clock and the correlation coefficient over the whole overlap."""
+    """Result of the correlation.
+
+    Attributes
+    ----------
+    clock
+    coefficient
+        Correlation coefficient over the whole overlap.
+    periods
+        Shifts of that clock, s, by which the two correlate as well: the motion repeats itself.
+    """
 
     clock: Clock
     coefficient: float
+    periods: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from kreisel.calibration.frame_errors import frame_columns
 from kreisel.calibration.inflation import (
     frame_deviations,
     with_doubtful_latitude,
+    with_open_periods,
     with_unestimated_errors,
     with_walked_deviations,
 )
@@ -187,3 +188,13 @@ def test_a_doubtful_latitude_counts_by_its_probability(score, share):
     np.testing.assert_allclose(after - before, (after - before)[i, i] * np.outer(slope, slope), atol=1e-9)
     assert len(checked.warnings) == len(found.warnings) + (score > 2.5)
     assert with_doubtful_latitude(found, None) is found
+
+
+def test_periods_of_a_repeated_motion_add_the_largest_to_the_time_offset_alone():
+    found = estimate_of(small_problem(), small_run())
+    i = found.problem.layout["time_offset"].start
+    added = with_open_periods(found, (10.0, -20.0)).belief.covariance - found.belief.covariance
+    assert added[i, i] == pytest.approx(400.0)
+    added[i, i] = 0.0
+    assert np.abs(added).max() < 1e-12
+    assert with_open_periods(found, ()) is found

@@ -98,14 +98,33 @@ def test_what_has_nothing_in_common_is_refused_with_the_coefficient() -> None:
     assert error.value.correlation < 0.6
 
 
+def repeated() -> ImuSamples:
+    """Return three times the same motion before the IMU."""
+    imu = simulated().imu
+    stamps = imu.stamps_ns[0] + int(np.median(np.diff(imu.stamps_ns))) * np.arange(3 * imu.stamps_ns.size)
+    return replace(
+        imu, stamps_ns=stamps, rates=np.tile(imu.rates, (3, 1)), accelerations=np.tile(imu.accelerations, (3, 1))
+    )
+
+
 @pytest.mark.parametrize("period", [0, 1, 2])
 def test_of_a_motion_that_repeats_itself_the_period_by_the_stamps_is_taken(period: int) -> None:
     """Three times the same motion before the IMU, once before the reference."""
-    r = simulated()
-    step, count = int(np.median(np.diff(r.imu.stamps_ns))), r.imu.stamps_ns.size
-    stamps = r.imu.stamps_ns[0] + step * np.arange(3 * count)
-    imu = replace(
-        r.imu, stamps_ns=stamps, rates=np.tile(r.imu.rates, (3, 1)), accelerations=np.tile(r.imu.accelerations, (3, 1))
-    )
-    later = replace(r.reference, stamps_ns=r.reference.stamps_ns + period * count * step)
+    r, imu = simulated(), repeated()
+    later = replace(r.reference, stamps_ns=r.reference.stamps_ns + period * (imu.stamps_ns[-1] - imu.stamps_ns[0]) // 3)
     assert offset(imu, later) == pytest.approx(TRUE_OFFSET, abs=0.01)
+    assert correlate(imu, later).periods == ()
+
+
+def test_by_stamps_of_two_clocks_the_period_is_open() -> None:
+    """Of three periods one is taken, and the two others are known."""
+    r, imu = simulated(), repeated()
+    period = 1e-9 * float(imu.stamps_ns[-1] - imu.stamps_ns[0]) / 3.0
+    found = correlate(imu, replace(r.reference, stamps_ns=r.reference.stamps_ns - 10**12))
+    places = np.sort([0.0, *found.periods]) - min(0.0, *found.periods)
+    np.testing.assert_allclose(places, [0.0, period, 2.0 * period], atol=0.02)
+
+
+def test_a_motion_that_does_not_repeat_itself_has_one_offset_whatever_the_stamps() -> None:
+    r = simulated()
+    assert correlate(r.imu, replace(r.reference, stamps_ns=r.reference.stamps_ns - 10**12)).periods == ()
