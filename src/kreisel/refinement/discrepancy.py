@@ -89,12 +89,24 @@ Settle = Callable[[Problem, Fit], tuple[Problem, Fit]]
 """Fits a problem near an earlier fit until nothing moves."""
 
 
+def prepared_terms(problem: Problem) -> DiscrepancyTerms | None:
+    """Return the terms that a problem may have, at its updates, too; None where none are looked for."""
+    if problem.settings.passes is not None or float(np.ptp(problem.sensor.readings.stamps)) > LONGEST:
+        return None
+    terms = DiscrepancyTerms(problem)
+    if not terms.families:
+        return None
+    terms.terms(problem.schedule)
+    return terms
+
+
 def find_discrepancy(
     recorded: Problem,
     near: Fit,
     linearise: Callable[[Problem, Fit], Linearised],
     settle: Settle,
     least_noise: Callable[[Problem], float],
+    prepared: DiscrepancyTerms | None = None,
 ) -> Discrepancy:
     """Return what the data ask for. The last problem that was settled is without it.
 
@@ -109,11 +121,11 @@ def find_discrepancy(
     least_noise
         Factor on the variance of a problem's noise that is left at least: noise that was found explains what terms
         would.
+    prepared
+        Terms that may serve the problem.
     """
-    if float(np.ptp(recorded.sensor.readings.stamps)) > LONGEST:
-        return Discrepancy()
-    terms = DiscrepancyTerms(recorded)
-    if not terms.families:
+    terms = prepared if prepared is not None and prepared.serves(recorded) else prepared_terms(recorded)
+    if terms is None:
         return Discrepancy()
     problem, fit, amplitude = recorded, near, np.zeros(terms.family.size)
     worth = np.zeros(0, dtype=np.int64)

@@ -287,6 +287,19 @@ class DiscrepancyTerms:
         self._functions: list[_Functions] = []
         self._sensors(problem)
         self._poses(problem)
+        self._last: tuple[Schedule, Terms] | None = None
+
+    def serves(self, problem: Problem) -> bool:
+        """Return whether a problem has the same data and sensors, whatever its noise, effects and updates are."""
+        own, other = self._recorded, problem
+        same = own.reference is other.reference and own.robot is other.robot
+        values = ("stamps", "rates", "accelerations", "temperature_difference")
+        same &= all(getattr(own.sensor.readings, name) is getattr(other.sensor.readings, name) for name in values)
+        return same and all(
+            (group in own.layout) == (group in other.layout)
+            and (group not in own.layout or np.array_equal(own.layout.present(group), other.layout.present(group)))
+            for group, _, _ in _SENSORS.values()
+        )
 
     @property
     def families(self) -> tuple[Family, ...]:
@@ -315,7 +328,12 @@ class DiscrepancyTerms:
         ])  # fmt: skip
 
     def terms(self, schedule: Schedule) -> Terms:
-        """Return the terms at the updates of a schedule."""
+        """Return the terms at the updates of a schedule; those of the last one are kept."""
+        if self._last is None or self._last[0] is not schedule:
+            self._last = schedule, self._at(schedule)
+        return self._last[1]
+
+    def _at(self, schedule: Schedule) -> Terms:
         updates = schedule.updates
         first, last, pose = (np.array([getattr(u, name) for u in updates]) for name in ("first", "last", "pose"))
         means: dict[Callable[[Indices], Array], Array] = {}  # sensors have functions in common

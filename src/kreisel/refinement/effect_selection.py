@@ -134,6 +134,15 @@ class Survey:
         value, _ = self.alone(groups)
         return float(0.5 * eta @ value - 0.5 * np.linalg.slogdet(np.eye(eta.size) + self._prior(groups) @ D)[1])
 
+    def lost(self, groups: tuple[str, ...]) -> dict[str, float]:
+        """Return by how much the gain of some candidates falls without each of them."""
+        value, P = self.alone(groups)
+        out, begin = {}, 0
+        for group in groups:
+            own = slice(begin, begin + len(self.usual[group]))
+            out[group], begin = _evidence(value[own], P[own, own], self._priors[group]), own.stop
+        return out
+
     def alone(self, groups: tuple[str, ...]) -> tuple[Array, Array]:
         """Return estimate and covariance of some candidates with all others zero."""
         D, eta = self._data_about(groups)
@@ -438,26 +447,28 @@ def selected(found: Survey, threshold: float = MIN_GAIN) -> tuple[str, ...]:
     """
     chosen, threshold = found.groups, threshold * found.temper**-_CAREFUL
     while chosen:
-        whole = found.gain(chosen)
-        rest = {g: tuple(other for other in chosen if other != g) for g in chosen}
-        lost = {g: whole - found.gain(others) for g, others in rest.items()}
+        lost = found.lost(chosen)
         needed = {g: 0.0 if g in found.before.prior.expected else threshold for g in chosen}
         needed |= {g: threshold + _CLEARLY for g in chosen if g in _OF_MOUNT}
         least = min(lost, key=lambda g: lost[g] - needed[g])
         if lost[least] >= needed[least]:
             break
-        chosen = rest[least]
+        chosen = tuple(g for g in chosen if g != least)
     return chosen
 
 
 def gain_of(problem: Problem, run: Fit, group: str) -> float:
     """Return the logarithm of the ratio of the evidences with and without a group of the state."""
     d = problem.layout[group]
-    value, P, prior = (
-        problem.stored(run.parameters, group),
-        run.belief.covariance[d, d],
-        problem.prior.covariance[group],
-    )
+    value, P = problem.stored(run.parameters, group), run.belief.covariance[d, d]
+    return _evidence(value, P, problem.prior.covariance[group])
+
+
+def _evidence(value: Array, P: Array, prior: Array) -> float:
+    """Return the logarithm of the ratio of the evidences with parameters and with zero, by their estimate.
+
+    It is that of the densities of prior and estimate at zero (Savage and Dickey; Verdinelli and Wasserman 1995).
+    """
     return float(0.5 * value @ np.linalg.solve(P, value) + 0.5 * np.linalg.slogdet(np.linalg.solve(prior, P))[1])
 
 

@@ -22,7 +22,8 @@ from kreisel.recording.recording import DataWarning
 from kreisel.refinement.arm_size import most_likely_size, with_arm_size, with_larger_frames
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
-from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy
+from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy, prepared_terms
+from kreisel.refinement.discrepancy_terms import DiscrepancyTerms
 from kreisel.refinement.effect_selection import Survey, considered, selected, survey, without_needless
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import StatedFigures, noise_ratios, noise_warning, with_noise_of
@@ -59,6 +60,9 @@ class _Work:
 
     linearised: list[tuple[Problem, Fit, Linearised]] = field(default_factory=list)
     """The last linearisation, with the problem and the fit that it is about."""
+
+    terms: DiscrepancyTerms | None = None
+    """Terms that the problem which was begun with may have."""
 
     def step(self, name: str) -> StepProgress | None:
         return of_step(self.progress, name)
@@ -141,7 +145,9 @@ def estimate(
 
 
 def _estimate(problem: Problem, work: _Work) -> Estimate:
-    passes = _with_arm_size(_until_settled(problem, 0, work), work)
+    begun, terms = work.executor([partial(_until_settled, problem, 0, work), partial(prepared_terms, problem)])
+    work = replace(work, terms=terms)
+    passes = _with_arm_size(begun, work)
     passes = _without_contradiction(problem, passes, work)
     passes = _without_needless(problem, _with_effects(problem, passes, work), work)
     passes = _without_contradiction(problem, passes, work)
@@ -378,7 +384,7 @@ def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Pa
     def least_noise(problem: Problem) -> float:
         return float(1.0 / max(1.0, *noise_ratios(first, problem)) ** 2)
 
-    found = find_discrepancy(passes.problem, passes.run, work.linear, settle, least_noise)
+    found = find_discrepancy(passes.problem, passes.run, work.linear, settle, least_noise, work.terms)
     if not found.found:
         return passes, found
     if _probability(last) < _probability(passes):

@@ -1,11 +1,13 @@
 """Generic terms: what is taken out of them, their means over updates, and data corrected by them."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from kreisel.geometry.rotation import conjugate, log, matrix, multiply
+from kreisel.model.problem import with_readings, without_groups
 from kreisel.refinement.discrepancy_terms import DiscrepancyTerms
 from kreisel.refinement.sample_groups import STEP
 
@@ -37,6 +39,19 @@ def test_there_are_families_of_sensors_and_reference():
     } <= names
     assert not any(family.owner == "robot" for family in terms().families)  # no joint angles
     assert terms().family.size == terms().weight.size == terms().terms(camera_problem().schedule).count
+
+
+def test_terms_serve_what_has_the_same_data_and_sensors():
+    problem = camera_problem()
+    readings = problem.sensor.readings
+    assert terms().serves(problem)
+    assert terms().serves(with_readings(problem, readings.with_noise(2.0, 1.0)))
+    assert not terms().serves(with_readings(problem, readings.with_values(rates=2.0 * readings.rates)))
+    assert not terms().serves(replace(problem, reference=problem.reference.part(slice(0, -1))))
+    assert not terms().serves(without_groups(problem, ("gyro_offset",)))
+    same = terms().terms(problem.schedule)
+    assert terms().terms(problem.schedule) is same
+    assert terms().terms(replace(problem.schedule)) is not same
 
 
 @pytest.mark.parametrize("name", ["gyroscope.rate", "gyroscope.acceleration", "accelerometer.jerk"])

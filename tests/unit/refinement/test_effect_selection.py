@@ -68,6 +68,15 @@ def test_the_others_held_at_zero_the_result_is_that_of_the_smaller_model(found, 
     assert np.abs(ratio - 1.0)[curved].max(initial=0.0) < 0.085
 
 
+@pytest.mark.parametrize("left", [0, 1, 2])
+def test_what_is_lost_without_a_candidate_is_the_difference_of_gains(found, left):
+    chosen = found.groups[left:]
+    lost = found.lost(chosen)
+    for group in chosen:
+        others = tuple(other for other in chosen if other != group)
+        assert lost[group] == pytest.approx(found.gain(chosen) - found.gain(others), rel=1e-6, abs=1e-6)
+
+
 def test_clean_data_show_nothing_and_large_effects_are_never_dropped(found):
     assert selected(found) == ()
     assert selected(found, threshold=-np.inf) == found.groups
