@@ -16,6 +16,8 @@ from kreisel.model.problem import Problem
 from kreisel.preparation.gravity import UNKNOWN_SD
 from kreisel.preparation.reference_noise import stamp_resolution
 from kreisel.recording.recording import excerpt
+from kreisel.refinement.discrepancy import describe as describe_family
+from kreisel.refinement.discrepancy_terms import RANGE
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import CONTRADICTION, imu_density
 from kreisel.refinement.prior_conflict import MAX_SCORE, OFFSETS, prior_scores
@@ -69,6 +71,7 @@ def find_causes(estimate: Estimate, halves: SplitHalves | None, latitude: Latitu
         *(Cause(e.group, describe(e), e.gain) for e in estimate.considered if e.included),
         *(Cause(*_WALKS[group], gain) for group, gain in estimate.walks.items()),
         *_slip(halves),
+        *_range(estimate),
         *_site(estimate, latitude),
         *_offsets(estimate),
         *_robot(estimate),
@@ -137,6 +140,12 @@ def _turn(halves: SplitHalves, sensor: str) -> tuple[Array, Array] | None:
         turn[axis] = 0.5 * (halves.difference[plus] - halves.difference[minus])
         sd[axis] = 0.5 * float(np.hypot(halves.deviation[plus], halves.deviation[minus]))
     return turn, sd
+
+
+def _range(estimate: Estimate) -> list[Cause]:
+    """Return readings that are cut off near the ends of their range, before a filter or a factory's matrix."""
+    found = [one for one in estimate.discrepancy if one.family.of == RANGE]
+    return [Cause("exceeded range", f"{describe_family(one)}: move more gently", one.gain) for one in found]
 
 
 def _site(estimate: Estimate, latitude: LatitudeCheck | None) -> list[Cause]:

@@ -20,7 +20,7 @@ from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.model.problem import Problem
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.discrepancy_evidence import Weighed, undecided, weigh, worth_weighing
-from kreisel.refinement.discrepancy_terms import DiscrepancyTerms, FoundFamily
+from kreisel.refinement.discrepancy_terms import RANGE, DiscrepancyTerms, FoundFamily
 from kreisel.units import DEG, MG, MM, MRAD, MS
 
 LONGEST = 3.0 * 3600.0
@@ -250,4 +250,6 @@ def describe(one: FoundFamily) -> str:
     what, _, by = of.partition("_by_")
     unit, size = _UNITS.get(owner) or _OF_POSES[what]
     subject = f"{_OWNERS[owner]}, {what} by {by}" if by else f"{_OWNERS[owner]} by {what}"
+    if what == RANGE:
+        subject = f"{_OWNERS[owner]} that are cut off near the ends of their range"
     return f"{subject.replace('_', ' ')}, {one.size / size:.2g} {unit} rms (gain {one.gain:.0f})"

@@ -301,12 +301,22 @@ def _not_predictive(data: _Data, state: _State) -> Indices:
         return inside[[worst]] if whole - without[worst] < MIN_PREDICTED else inside[:0]
     kept, best = inside[:0], 0.0
     while kept.size < inside.size:
-        tried = {int(f): _predicted(data, state, np.append(kept, f)) for f in np.setdiff1d(inside, kept)}
+        tried = {}
+        for f in np.setdiff1d(inside, kept):
+            some = np.append(kept, f)
+            tried[int(f)] = _predicted(data, _only(data, state, some), some)
         f = max(tried, key=lambda f: tried[f])
         if tried[f] < best + MIN_PREDICTED:
             break
         kept, best = np.append(kept, f), tried[f]
     return np.setdiff1d(inside, kept)
+
+
+def _only(data: _Data, state: _State, families: Indices) -> _State:
+    """Return a state with some of its families alone, and the noise that they leave."""
+    variance = np.zeros(state.variance.size)
+    variance[families] = state.variance[families]
+    return _sized(data, _solved(data, variance, max(data.least, data.misfit / max(data.degrees, 1.0))), _FIRST_ROUNDS)
 
 
 def _predicted(data: _Data, state: _State, families: Indices) -> float:

@@ -14,39 +14,35 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kreisel._kernels.recursions import gauss_markov
 from kreisel.fitting.terms import ACCEL_ROWS, GYRO_ROWS, POSE_ROWS, Terms
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, exp, log, matrix, multiply
 from kreisel.inertial.sensor_model import linear_columns
 from kreisel.model.problem import Problem, with_readings
 from kreisel.model.schedule import Schedule
 from kreisel.recording.recording import ReferencePoses
-from kreisel.refinement.sample_groups import STEP, SampleGroups, blocks
+from kreisel.refinement.sample_groups import SampleGroups, blocks
+from kreisel.refinement.term_functions import (
+    WAVES,
+    Basis,
+    Functions,
+    Usual,
+    changes,
+    cosines,
+    ends_of_range,
+    of_angles,
+    of_own_angle,
+    polynomials,
+    remembered,
+    scales,
+    some,
+    waves,
+)
 from kreisel.robot import kinematics
-
-WAVES = 8
-"""Half waves of a function of time over the recording."""
-
-_SLOW = 4
-"""Half waves of a scale factor that changes over the recording."""
-
-MEMORY = 15.0
-"""s; time constant of a sensor that depends on what happened before."""
-
-_CLIP = 3.0
-"""Spreads of a quantity beyond which a function no longer grows as a polynomial."""
-
-_ENOUGH = 6000
-"""Values by which a function is separated from the usual model."""
-
-_LEAST = 1e-3
-"""Rms of a function, as a share, below which the usual model has all of it."""
 
 _AROUND = 0.05
 """s; before and after a pose, for its velocity."""
@@ -78,7 +74,7 @@ class Family:
     @property
     def paired(self) -> bool:
         """Whether each row has functions of its own, instead of all functions in each row."""
-        return self.of in (_OWN_ANGLE, _SCALE)
+        return self.of in (_OWN_ANGLE, _SCALE, RANGE)
 
 
 @dataclass(frozen=True)
@@ -99,192 +95,13 @@ class FoundFamily:
     size: float
 
 
-@dataclass(frozen=True)
-class _Basis:
-    """Functions of some quantities.
-
-    Attributes
-    ----------
-    of
-        From indices of samples to values (n, k).
-    degree : (k,)
-        Their degrees, which say how large they may be.
-    last : (k,)
-        Those that the next degree of their kind would follow, if series had no end; the highest degree if None.
-    """
-
-    of: Callable[[Indices], Array]
-    degree: Array
-    last: Mask | None = None
-
-    @property
-    def ends(self) -> Mask:
-        """See `last`."""
-        return self.degree == self.degree.max() if self.last is None else self.last
-
-
-@dataclass(frozen=True)
-class _Functions:
-    """Functions of some quantities, without what the usual model has.
-
-    Attributes
-    ----------
-    raw
-        From indices of samples to values (n, k), before anything is taken out.
-    usual
-        From indices of samples to what the usual model has (n, j).
-    share : (j, k)
-        How much of each is in the functions.
-    scale : (k,)
-        Rms of the functions.
-    degree, ends : (k,)
-        As of their basis.
-    kept : (k,)
-        Their places in the basis.
-    """
-
-    raw: Callable[[Indices], Array]
-    usual: Callable[[Indices], Array]
-    share: Array
-    scale: Array
-    degree: Array
-    ends: Mask
-    kept: Indices
-
-    def __call__(self, which: Indices) -> Array:
-        """Return the functions at samples, (n, k)."""
-        return self.without_usual(self.raw(which), self.usual(which))
-
-    def without_usual(self, raw: Array, usual: Array) -> Array:
-        """Return the functions from what they are made of, both (n, …) at the same samples or averaged alike."""
-        return np.asarray((raw - usual @ self.share)[:, self.kept] / self.scale)
-
-
-@dataclass(frozen=True)
-class _Usual:
-    """What the usual model has, to be taken out of functions.
-
-    Attributes
-    ----------
-    of
-        From indices of samples to its columns (n, j).
-    count
-        Number of samples.
-    slow
-        From indices of samples to slow waves (n, k) with which functions have something in common by chance alone: of
-        them a constant is taken out, and what they share with faster changes.
-    """
-
-    of: Callable[[Indices], Array]
-    count: int
-    slow: Callable[[Indices], Array] | None = None
-
-    @cached_property
-    def _columns(self) -> Array:
-        return self.of(_some(self.count))
-
-    @cached_property
-    def _inverse(self) -> Array:
-        columns = self._columns
-        if self.slow is not None:
-            waves = np.linalg.qr(self.slow(_some(self.count)))[0]
-            columns = columns - waves @ (waves.T @ columns)
-            columns[:, 0] = self._columns[:, 0]
-        return np.asarray(np.linalg.pinv(columns, rcond=1e-9))
-
-    def without(self, basis: _Basis, values: Array | None = None) -> _Functions:
-        """Return functions without what the usual model has; values: theirs at `_some` samples, if they are known."""
-        values = basis.of(_some(self.count)) if values is None else values
-        share = self._inverse @ values
-        rms = np.sqrt(np.mean((values - self._columns @ share) ** 2, axis=0))
-        kept = np.flatnonzero(rms > _LEAST * np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
-        return _Functions(basis.of, self.of, share, rms[kept], basis.degree[kept], basis.ends[kept], kept)
-
-
-def _some(count: int) -> Indices:
-    """Return evenly spread numbers below `count`, enough for a mean."""
-    return np.unique(np.linspace(0, count - 1, min(count, _ENOUGH)).astype(np.int64))
-
-
-def _polynomials(of: Callable[[Indices], Array], count: int, degree: int, alone: int = 0) -> _Basis:
-    """Return products of quantities (n, k) up to a degree, and powers of each up to another.
-
-    of: from indices of `count` samples to the quantities.
-    """
-    x = of(_some(count))
-    mean, spread = x.mean(axis=0), x.std(axis=0)
-    chosen = [c for d in range(1, degree + 1) for c in combinations_with_replacement(range(x.shape[1]), d)]
-    chosen += [(i,) * d for d in range(degree + 1, alone + 1) for i in range(x.shape[1])]
-    place = {c: i for i, c in enumerate(chosen)}  # a product follows from one of a degree less, which stands before it
-
-    def values(which: Indices) -> Array:
-        z = _CLIP * np.tanh((of(which) - mean) / np.where(spread > 0.0, _CLIP * spread, 1.0)).T
-        out = np.empty((len(chosen), which.size))
-        for row, c in zip(out, chosen, strict=True):
-            before = place.get(c[:-1])
-            np.multiply(z[c[-1]], 1.0 if before is None else out[before], out=row)
-        return out.T
-
-    degrees = np.array([len(c) for c in chosen])
-    powers = np.array([len(set(c)) == 1 for c in chosen])
-    return _Basis(values, degrees.astype(float), degrees == np.where(powers, max(degree, alone), degree))
-
-
-def _changes(first: Array, second: Array) -> _Basis:
-    """Return products of two of the first derivatives (n, 3) of readings, and both derivatives as they are.
-
-    Delays and smoothings of other axes than the readings' own are proportional to these.
-    """
-    products = _polynomials(first.__getitem__, len(first), 2)
-    linear = np.hstack([_unit(first), _unit(second)])
-    degree = np.concatenate([np.ones(linear.shape[1]), products.degree])
-    return _Basis(lambda which: np.hstack([linear[which], products.of(which)]), degree)
-
-
-def _unit(values: Array) -> Array:
-    """Return columns (n, k) over their rms."""
-    return np.asarray(values / np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
-
-
-def _waves(t: Array) -> _Basis:
-    """Return half waves over times t (n,), and their orders as degrees."""
-    orders = np.arange(1, WAVES + 1)
-    return _Basis(_cosines(t, orders), np.maximum(orders / 2.0, 1.0))
-
-
-def _cosines(t: Array, orders: Indices) -> Callable[[Indices], Array]:
-    """Return half waves of some orders over times t (n,), (m, k), as a function of m indices of samples."""
-    z = np.pi * (t - t[0]) / max(float(t[-1] - t[0]), 1e-9)
-    return lambda which: np.cos(z[which, None] * orders)
-
-
-def _scales(own: Array, t: Array) -> _Basis:
-    """Return own readings (n, 3) times slow half waves over times t (n,), axis by axis."""
-    waves, slow = _waves(t), slice(0, _SLOW)
-
-    def values(which: Indices) -> Array:
-        products = own[which, :, None] * waves.of(which)[:, None, slow]
-        return np.asarray(products.reshape(which.size, -1))
-
-    return _Basis(values, np.tile(waves.degree[slow], own.shape[1]))
-
-
-def _remembered(values: Array) -> Array:
-    """Return what is left of values (n, k), one every `STEP`, that fade with a time constant."""
-    keep, out = np.exp(-STEP / MEMORY), np.empty_like(values)
-    white = (1.0 - keep) / np.sqrt(1.0 - keep**2) * values
-    white[0] = values[: max(1, round(MEMORY / STEP))].mean(axis=0)
-    gauss_markov(np.full(len(values) - 1, keep), np.ascontiguousarray(white), out)
-    return out
-
-
 class DiscrepancyTerms:
     """All families that a problem may have, with their functions, by its readings and poses as recorded."""
 
     def __init__(self, problem: Problem) -> None:
         self._recorded, self._grid = problem, SampleGroups.of(problem.sensor.readings.stamps)
         self._families: list[Family] = []
-        self._functions: list[_Functions] = []
+        self._functions: list[Functions] = []
         self._sensors(problem)
         self._poses(problem)
         self._last: tuple[Schedule, Terms] | None = None
@@ -321,7 +138,7 @@ class DiscrepancyTerms:
         """Whether a term's series ends with it, (m,): the next degree would be another function."""
         return np.asarray(self._each(lambda functions: functions.ends), dtype=bool)
 
-    def _each(self, of: Callable[[_Functions], NDArray[Any]]) -> NDArray[Any]:
+    def _each(self, of: Callable[[Functions], NDArray[Any]]) -> NDArray[Any]:
         """Return what every term has from its function, (m,)."""
         return np.concatenate([
             np.tile(of(f), self._size(i) // f.degree.size) for i, f in enumerate(self._functions)
@@ -379,7 +196,7 @@ class DiscrepancyTerms:
         kind, own = self._families[family], amplitudes[self.family == family]
         of_poses = kind.owner not in _SENSORS
         count = self._recorded.reference.seconds.size if of_poses else self._grid.count
-        functions = self._functions[family](_some(count))
+        functions = self._functions[family](some(count))
         if kind.paired:
             added = (functions * own).reshape(len(functions), len(kind.rows), -1).sum(axis=2)
         else:
@@ -397,7 +214,7 @@ class DiscrepancyTerms:
         own, family = self._functions[i].degree.size, self._families[i]
         return own if family.paired else own * len(family.rows)
 
-    def _add(self, family: Family, functions: _Functions) -> None:
+    def _add(self, family: Family, functions: Functions) -> None:
         if functions.kept.size:
             self._families.append(family)
             self._functions.append(functions)
@@ -413,32 +230,37 @@ class DiscrepancyTerms:
         usual["accelerometer"] = linear_columns(rates, forces, alpha)
         for columns in usual.values():
             columns *= t.size**0.5 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        known = {owner: _Usual(columns.__getitem__, t.size) for owner, columns in usual.items()}
-        drifting = {owner: replace(one, slow=_cosines(t, np.arange(2 * WAVES + 1))) for owner, one in known.items()}
-        memories = [_remembered(np.abs(values)) for values in (rates, forces)]
+        known = {owner: Usual(columns.__getitem__, t.size) for owner, columns in usual.items()}
+        drifting = {owner: replace(one, slow=cosines(t, np.arange(2 * WAVES + 1))) for owner, one in known.items()}
+        memories = [remembered(np.abs(values)) for values in (rates, forces)]
         quantities = {
-            "rate": _polynomials(rates.__getitem__, t.size, 3, 6),
-            "acceleration": _polynomials(forces.__getitem__, t.size, 3, 6),
-            "angular_acceleration": _changes(alpha, np.gradient(alpha, t, axis=0)),
-            "jerk": _changes(jerk, np.gradient(jerk, t, axis=0)),
-            "past_rate": _polynomials(memories[0].__getitem__, t.size, 2),
-            "past_acceleration": _polynomials(memories[1].__getitem__, t.size, 2),
-            "time": _waves(t),
+            "rate": polynomials(rates.__getitem__, t.size, 3, 6),
+            "acceleration": polynomials(forces.__getitem__, t.size, 3, 6),
+            "angular_acceleration": changes(alpha, np.gradient(alpha, t, axis=0)),
+            "jerk": changes(jerk, np.gradient(jerk, t, axis=0)),
+            "past_rate": polynomials(memories[0].__getitem__, t.size, 2),
+            "past_acceleration": polynomials(memories[1].__getitem__, t.size, 2),
+            "time": waves(t),
         }
         if readings.temperature_difference is not None:
             difference = grid.average(readings.temperature_difference[:, None])
-            quantities["temperature"] = _polynomials(difference.__getitem__, t.size, 3)
-        values = {name: basis.of(_some(t.size)) for name, basis in quantities.items()}
+            quantities["temperature"] = polynomials(difference.__getitem__, t.size, 3)
+        if problem.reference.quaternions is not None:
+            level = _level(problem, t)
+            every = np.ones(level.shape[1])
+            quantities["attitude"] = Basis(level.__getitem__, every, apart=every > 0.0)
+        values = {name: basis.of(some(t.size)) for name, basis in quantities.items()}
         for owner, (group, rows, names) in _SENSORS.items():
             if group not in problem.layout:
                 continue
             axes = problem.layout.present(group)
-            own = _scales((rates if owner == "gyroscope" else forces)[:, axes], t)
+            own = (rates if owner == "gyroscope" else forces)[:, axes]
             own_rows = tuple(rows[axis] for axis in axes)
-            for name, basis in {**{n: quantities[n] for n in names if n in quantities}, _SCALE: own}.items():
+            common = {name: quantities[name] for name in names if name in quantities}
+            for name, basis in {**common, _SCALE: scales(own, t), RANGE: ends_of_range(own)}.items():
                 usual_of = (drifting if name in _DRIFTS else known)[owner]
                 functions = usual_of.without(basis, values.get(name))
-                if name != _SCALE or functions.kept.size == basis.degree.size:
+                if name not in (_SCALE, RANGE) or functions.kept.size == basis.degree.size:
                     self._add(Family(owner, name, own_rows), functions)
 
     def _poses(self, problem: Problem) -> None:
@@ -452,26 +274,25 @@ class DiscrepancyTerms:
             frames += [] if p is None else [p[which] - p[0]]
             return np.hstack(frames)
 
-        known = _Usual(usual, tau.size)
-        quantities = {"motion": _polynomials(lambda which: _motion(reference, which), tau.size, 1)}
+        known = Usual(usual, tau.size)
+        quantities = {"motion": polynomials(lambda which: _motion(reference, which), tau.size, 1)}
         if p is not None:
-            quantities["position"] = _polynomials(p.__getitem__, tau.size, 3)
+            quantities["position"] = polynomials(p.__getitem__, tau.size, 3)
         if q is not None:
             axes = [0, 3, 6, 2, 5, 8]  # of the tool, in r: the first and the third
-            quantities["attitude"] = _polynomials(lambda which: matrix(q[which]).reshape(-1, 9)[:, axes], tau.size, 2)
+            quantities["attitude"] = polynomials(lambda which: matrix(q[which]).reshape(-1, 9)[:, axes], tau.size, 2)
         if robot is not None:
-            quantities["joints"] = _of_angles(robot.angles)
+            quantities["joints"] = of_angles(robot.angles)
         rows = {"position": tuple(POSE_ROWS)[:3], "orientation": tuple(POSE_ROWS)[3:]}
         present = {"position": p is not None, "orientation": q is not None}
         for name, basis in quantities.items():
             functions = known.without(basis)
             for what in (w for w in rows if present[w]):
                 self._add(Family("reference", f"{what}_by_{name}", rows[what]), functions)
-        late, constant = POSE_ROWS.stop, _Usual(lambda which: np.ones((which.size, 1)), tau.size)
-        waves = constant.without(_waves(tau))
-        self._add(Family("reference", "stamps_by_time", (late,)), waves)
+        late, constant = POSE_ROWS.stop, Usual(lambda which: np.ones((which.size, 1)), tau.size)
+        self._add(Family("reference", "stamps_by_time", (late,)), constant.without(waves(tau)))
         if robot is not None:
-            own = constant.without(_of_own_angle(robot.angles))
+            own = constant.without(of_own_angle(robot.angles))
             each = own.degree.size // robot.joints
             if own.kept.size == each * robot.joints:
                 self._add(Family("robot", _OWN_ANGLE, tuple(range(late + 1, late + 1 + robot.joints))), own)
@@ -536,6 +357,9 @@ class DiscrepancyTerms:
 
 _OWN_ANGLE, _SCALE = "own_angle", "scale_by_time"
 
+RANGE = "range"
+"""Of a sensor whose readings are cut off near their ends."""
+
 _DRIFTS = ("past_rate", "past_acceleration", "time", "temperature")
 """What a sensor's drifts depend on."""
 
@@ -543,12 +367,12 @@ _SENSORS: dict[str, tuple[str, range, Sequence[str]]] = {
     "gyroscope": (
         "gyro_offset",
         GYRO_ROWS,
-        ("rate", "acceleration", "angular_acceleration", "past_rate", "time", "temperature"),
+        ("rate", "acceleration", "angular_acceleration", "attitude", "past_rate", "time", "temperature"),
     ),
     "accelerometer": (
         "accel_offset",
         ACCEL_ROWS,
-        ("rate", "acceleration", "jerk", "past_acceleration", "time", "temperature"),
+        ("rate", "acceleration", "jerk", "attitude", "past_acceleration", "time", "temperature"),
     ),
 }
 """By sensor: its offset, in which its terms enter, axis by axis, its rows, and what its error may depend on."""
@@ -568,19 +392,14 @@ def _motion(reference: ReferencePoses, which: Indices) -> Array:
     return out
 
 
-def _of_angles(angles: Array) -> _Basis:
-    """Return sines and cosines of all joint angles (n, j)."""
-    return _Basis(lambda which: np.hstack([np.sin(angles[which]), np.cos(angles[which])]), np.ones(2 * angles.shape[1]))
+def _level(problem: Problem, t: Array) -> Array:
+    """Return two level directions of the cell in b at IMU times t (n,), by the nearest pose, (n, 6).
 
-
-def _of_own_angle(angles: Array) -> _Basis:
-    """Return functions of each joint's own angle and sense of rotation, joint after joint."""
-    speed = np.gradient(angles, axis=0)
-    spread = np.maximum(speed.std(axis=0), 1e-300)
-
-    def values(which: Indices) -> Array:
-        q, sense = angles[which], np.tanh(_CLIP * speed[which] / spread)
-        own = np.stack([np.sin(2.0 * q), np.cos(2.0 * q), np.sin(3.0 * q), np.cos(3.0 * q), sense], axis=2)
-        return own.reshape(len(own), -1)
-
-    return _Basis(values, np.tile([1.0, 1.0, 1.5, 1.5, 1.0], angles.shape[1]))
+    What follows a field that is fixed in the cell, such as a magnetic one, is a sum of these and of the vertical one.
+    """
+    q, tau, start = problem.reference.quaternions, problem.reference.seconds, problem.prior.start
+    assert q is not None  # noqa: S101 - for the type checker; the caller checked
+    at = start.clock.reference_time(t)
+    after = np.clip(np.searchsorted(tau, at), 1, tau.size - 1)
+    nearest = np.where(at - tau[after - 1] < tau[after] - at, after - 1, after)
+    return np.asarray(np.swapaxes(matrix(q[nearest]), 1, 2) @ matrix(start.q_rn)[:, :2]).reshape(-1, 6)

@@ -45,6 +45,10 @@ parameters that walk."""
 MAX_CORRELATION_TIME = 40.0
 """Largest time constant of coloured noise, in update intervals; an error that lasts longer is not one of the path."""
 
+_CLEARLY = 50.0
+"""Gain of log-likelihood with which terms take the place of a walk. Chosen: they have some forty amplitudes, a walk has
+one size."""
+
 MIN_LIKELIHOOD_GAIN = 5.0
 """Minimum gain of log-likelihood with which coloured noise is assumed."""
 
@@ -151,7 +155,8 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     passes = _without_contradiction(problem, passes, work)
     passes = _without_needless(problem, _with_effects(problem, passes, work), work)
     passes = _without_contradiction(problem, passes, work)
-    passes, discrepancy = _with_hidden_effects(problem, passes, *_with_discrepancy(problem, passes, work), work)
+    shown = _with_hidden_effects(problem, passes, *_with_discrepancy(problem, passes, work), work)
+    passes, discrepancy = _without_walk(problem, passes, *shown, work)
     contradicted = _contradicted(problem, passes, problem)
     adapted = passes.adapted
     passes = _with_coloured_noise(passes, work)
@@ -415,6 +420,24 @@ def _with_hidden_effects(
     once = _until_settled(with_noise_of(first, problem), after.count, work, begun)
     again, terms = _with_discrepancy(first, replace(once, survey=shown, walk_gain=before.walk_gain), work)
     return (again, terms) if _probability(again) > _probability(after) else (after, found)
+
+
+def _without_walk(
+    first: Problem, before: _Passes, after: _Passes, found: Discrepancy, work: _Work
+) -> tuple[_Passes, Discrepancy]:
+    """Return passes and terms without parameters that walk, if terms explain clearly more than their walk does.
+
+    What follows the motion, as a field in the cell does, looks like a walk before it is known.
+
+    before, after: the passes without and with the terms that were found.
+    """
+    if not found.found or not before.walk_gain:
+        return after, found
+    noise = replace(before.problem.noise, offset_walk=first.noise.offset_walk)
+    problem = with_noise_of(first, replace(before.problem, noise=noise))
+    steady = replace(_until_settled(problem, after.count, work, before.run), survey=before.survey)
+    again, terms = _with_discrepancy(first, steady, work)
+    return (again, terms) if _probability(again) > _probability(after) + _CLEARLY else (after, found)
 
 
 def _with_arm_size(passes: _Passes, work: _Work) -> _Passes:

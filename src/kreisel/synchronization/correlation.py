@@ -114,14 +114,14 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     fine = max(0.01, 0.5 * reference.interval, float(imu.seconds[-1]) / _FINE_POINTS)
     x, y = _norms(imu, reference, fine)
     if np.std(y.value) < 1e-3 * (1.0 + np.mean(np.abs(y.value))):
-        found = (
+        why = (
             "poses were taken at standstills only, and none in between: clocks cannot be compared. Record poses during "
             "the motion, too"
             if _differ(reference)
             else "the reference does not move, and without motion nothing can be calibrated: record the robot while it "
             "moves"
         )
-        raise SynchronizationError(f"{reference.source}: {found}")
+        raise SynchronizationError(f"{reference.source}: {why}")
     found = _relation(imu, reference, x, y)
     if not found.coefficient >= _SURE and reference.quaternions is not None:
         # the quietest second may be no standstill

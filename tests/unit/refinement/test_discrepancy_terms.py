@@ -68,6 +68,30 @@ def test_readings_are_corrected_by_nothing_that_the_usual_model_has(name):
     assert np.max(np.abs(usual.T @ added[:, 1])) / len(added) < 0.05 * 1e-3
 
 
+def test_a_field_in_the_cell_is_level_and_keeps_what_looks_like_an_error_of_the_axes():
+    """The gyros' rows get one sum of the level directions of r, as the poses have them, whatever the readings are."""
+    problem = camera_problem()
+    changed = terms().corrected(problem, amplitudes("gyroscope.attitude", 3, 0, 1e-3)).sensor.readings
+    added = (changed.rates - problem.sensor.readings.rates)[:, 0]
+    t, tau = problem.sensor.readings.stamps, problem.reference.seconds
+    q = problem.reference.quaternions[np.abs(problem.prior.start.clock.imu_time(tau)[:, None] - t).argmin(axis=0)]
+    level = np.einsum("nij,i->nj", matrix(q), matrix(problem.prior.start.q_rn)[:, 1])
+    np.testing.assert_allclose(added, 1e-3 * level[:, 1] / np.sqrt(np.mean(level[:, 1] ** 2)), atol=2e-5)
+
+
+def test_what_exceeds_a_range_is_added_near_its_end_alone():
+    problem = camera_problem()
+    before = problem.sensor.readings.accelerations[:, 1]
+    own = amplitudes("accelerometer.range", 0, 1, 1e-3)
+    added = (terms().corrected(problem, own).sensor.readings.accelerations - problem.sensor.readings.accelerations)[
+        :, 1
+    ]
+    high = before > before.max() - 0.1 * np.ptp(before)
+    assert 0 < np.mean(added > 0.0) < 0.1
+    assert not added[~high].any()
+    assert added.min() >= 0.0
+
+
 def test_a_drift_keeps_what_it_has_in_common_with_the_motion():
     problem = camera_problem()
     changed = terms().corrected(problem, amplitudes("accelerometer.time", 2, 1, 1e-3)).sensor.readings
