@@ -26,8 +26,8 @@ _CLIP = 3.0
 """Spreads of a quantity beyond which a function no longer grows as a polynomial."""
 
 _END = 0.05
-"""Share of a range within which a reading is near its end. Chosen: filters or the matrices of factories round what is cut
-off by less."""
+"""Share of a range within which a reading is near its end. Chosen: filters or matrices of factories round by less what
+is cut off."""
 
 _ENOUGH = 6000
 """Values by which a function is separated from the usual model."""
