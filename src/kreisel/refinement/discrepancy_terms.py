@@ -248,7 +248,7 @@ class DiscrepancyTerms:
         if problem.reference.quaternions is not None:
             level = _level(problem, t)
             every = np.ones(level.shape[1])
-            quantities["attitude"] = Basis(level.__getitem__, every, apart=every > 0.0)
+            quantities[FIELD] = Basis(level.__getitem__, every, apart=every > 0.0)
         values = {name: basis.of(some(t.size)) for name, basis in quantities.items()}
         for owner, (group, rows, names) in _SENSORS.items():
             if group not in problem.layout:
@@ -357,6 +357,9 @@ class DiscrepancyTerms:
 
 _OWN_ANGLE, _SCALE = "own_angle", "scale_by_time"
 
+FIELD = "attitude"
+"""What the error of a sensor depends on that follows a field fixed in the cell."""
+
 RANGE = "range"
 """Of a sensor whose readings are cut off near their ends."""
 
@@ -367,12 +370,12 @@ _SENSORS: dict[str, tuple[str, range, Sequence[str]]] = {
     "gyroscope": (
         "gyro_offset",
         GYRO_ROWS,
-        ("rate", "acceleration", "angular_acceleration", "attitude", "past_rate", "time", "temperature"),
+        ("rate", "acceleration", "angular_acceleration", FIELD, "past_rate", "time", "temperature"),
     ),
     "accelerometer": (
         "accel_offset",
         ACCEL_ROWS,
-        ("rate", "acceleration", "jerk", "attitude", "past_acceleration", "time", "temperature"),
+        ("rate", "acceleration", "jerk", FIELD, "past_acceleration", "time", "temperature"),
     ),
 }
 """By sensor: its offset, in which its terms enter, axis by axis, its rows, and what its error may depend on."""

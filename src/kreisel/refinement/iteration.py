@@ -23,9 +23,10 @@ from kreisel.refinement.arm_size import most_likely_size, with_arm_size, with_la
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy, prepared_terms
-from kreisel.refinement.discrepancy_terms import DiscrepancyTerms
+from kreisel.refinement.discrepancy_terms import FIELD, DiscrepancyTerms
 from kreisel.refinement.effect_selection import Survey, considered, selected, survey, without_needless
 from kreisel.refinement.estimate import Estimate
+from kreisel.refinement.named_terms import OFFSET_OF
 from kreisel.refinement.noise_adaptation import StatedFigures, noise_ratios, noise_warning, with_noise_of
 from kreisel.refinement.nominal_values import with_nominal_values
 from kreisel.refinement.parameter_walk import found_walks, may_walk
@@ -427,11 +428,12 @@ def _without_walk(
 ) -> tuple[_Passes, Discrepancy]:
     """Return passes and terms without parameters that walk, if terms explain clearly more than their walk does.
 
-    What follows the motion, as a field in the cell does, looks like a walk before it is known.
+    What follows a field that is fixed in the cell looks like a walk before it is known.
 
     before, after: the passes without and with the terms that were found.
     """
-    if not found.found or not before.walk_gain:
+    followed = {OFFSET_OF.get(one.family.owner) for one in found.found if one.family.of == FIELD}
+    if not followed & set(before.walk_gain):
         return after, found
     noise = replace(before.problem.noise, offset_walk=first.noise.offset_walk)
     problem = with_noise_of(first, replace(before.problem, noise=noise))
