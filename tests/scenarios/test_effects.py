@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.calibrate import run_calibration
+from kreisel.geometry.rotation import matrix
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.groups import REGISTRY
 from kreisel.simulation.cell import simulate
@@ -140,6 +141,51 @@ def test_effects_that_errors_on_no_list_hide_are_found(number):
     assert not any(one.family.name.startswith("gyroscope") for one in outcome.estimate.discrepancy)
     found = outcome.calibration.sensors.effects["gyro_g_sensitivity"]
     np.testing.assert_allclose(found.reshape(3, 3), truth.effects.g_sensitivity, rtol=0, atol=4e-5)
+
+
+def scores(outcome, group, true):
+    """Return errors over deviations of one group."""
+    estimate = outcome.estimate
+    found = estimate.problem.stored(estimate.run.parameters, group)
+    return (found - np.ravel(true)) / estimate.deviation[estimate.problem.layout[group]]
+
+
+@pytest.mark.slow
+def test_readings_cut_off_before_a_factory_matrix_are_found():
+    """No flat tops show: without terms of its own, the range made scale factors 5 deviations too small."""
+    cell = Cell.model_validate({"seed": 31, "seconds": 150.0, "reference": {"kind": "mocap"}})
+    truth, recording = simulate(cell, Path("cell"))
+    imu, M = recording.imu, np.eye(3) + 0.012 * np.random.default_rng(4).normal(size=(3, 3))
+    limit = np.percentile(np.abs(imu.rates), 99.5)
+    cut = replace(recording, imu=replace(imu, rates=np.clip(imu.rates, -limit, limit) @ M.T))
+    outcome = run_calibration(check_streams(cut), CalibrationSettings())
+    assert outcome.verdict.accepted
+    assert outcome.verdict.causes[0].name == "exceeded range"
+    assert np.abs(scores(outcome, "gyro_cross_coupling", truth.sensors.K_omega @ np.linalg.inv(M))).max() < BOUND
+
+
+@pytest.mark.slow
+def test_offsets_that_follow_a_field_in_the_cell_do_not_walk():
+    """Axes had been up to 10 deviations off, with offsets that seemed to walk."""
+    cell = Cell.model_validate(
+        {"seed": 31, "seconds": 150.0, "imu": {"grade": "fog-mems"}, "reference": {"kind": "mocap"}}
+    )
+    truth, recording = simulate(cell, Path("cell"))
+    imu, reference = recording.imu, recording.reference
+    offset = 1e-9 * float(imu.stamps_ns[0] - reference.stamps_ns[0]) - truth.time_offset
+    nearest = np.searchsorted(reference.seconds, imu.seconds + offset).clip(0, reference.seconds.size - 1)
+    field = matrix(reference.quaternions[nearest]).swapaxes(1, 2) @ np.array([0.8, 0.5, 0.3])
+    rng = np.random.default_rng(4)
+    biased = replace(
+        imu,
+        rates=imu.rates + field @ rng.normal(size=(3, 3)) * 1e-4,
+        accelerations=imu.accelerations + field @ rng.normal(size=(3, 3)) * 5e-3,
+    )
+    outcome = run_calibration(check_streams(replace(recording, imu=biased)), CalibrationSettings())
+    assert outcome.verdict.accepted
+    assert {"gyroscope.attitude", "accelerometer.attitude"} <= {one.family.name for one in outcome.estimate.discrepancy}
+    for group, true in (("gyro_cross_coupling", truth.sensors.K_omega), ("accel_cross_coupling", truth.sensors.K_a)):
+        assert np.abs(scores(outcome, group, true)).max() < BOUND
 
 
 @pytest.mark.slow
