@@ -152,7 +152,7 @@ def scores(outcome, group, true):
 
 @pytest.mark.slow
 def test_readings_cut_off_before_a_factory_matrix_are_found():
-    """No flat tops show: without terms of its own, the range made scale factors 5 deviations too small."""
+    """No flat tops show: by terms of the rate alone, scales were 5 deviations off, or noise was found instead."""
     cell = Cell.model_validate({"seed": 31, "seconds": 150.0, "reference": {"kind": "mocap"}})
     truth, recording = simulate(cell, Path("cell"))
     imu, M = recording.imu, np.eye(3) + 0.012 * np.random.default_rng(4).normal(size=(3, 3))

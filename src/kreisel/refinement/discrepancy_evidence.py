@@ -292,7 +292,7 @@ def _not_predictive(data: _Data, state: _State) -> Indices:
 
     An error that is a function of what is measured comes back; one that is only correlated in time does not, however
     well functions follow it where it is known. Several families may be wrong together, so those that predict are
-    looked for one by one, if all together do not.
+    looked for one by one, if all together do not: by the noise without any, for one alone leaves more than all do.
     """
     inside = np.flatnonzero(state.variance > 0.0)
     whole, without = _predicted_without_each(data, state, inside)
@@ -300,23 +300,14 @@ def _not_predictive(data: _Data, state: _State) -> Indices:
         worst = int(np.argmax(without))
         return inside[[worst]] if whole - without[worst] < MIN_PREDICTED else inside[:0]
     kept, best = inside[:0], 0.0
+    before = replace(state, noise=max(data.least, data.misfit / max(data.degrees, 1.0)))
     while kept.size < inside.size:
-        tried = {}
-        for f in np.setdiff1d(inside, kept):
-            some = np.append(kept, f)
-            tried[int(f)] = _predicted(data, _only(data, state, some), some)
+        tried = {int(f): _predicted(data, before, np.append(kept, f)) for f in np.setdiff1d(inside, kept)}
         f = max(tried, key=lambda f: tried[f])
         if tried[f] < best + MIN_PREDICTED:
             break
         kept, best = np.append(kept, f), tried[f]
     return np.setdiff1d(inside, kept)
-
-
-def _only(data: _Data, state: _State, families: Indices) -> _State:
-    """Return a state with some of its families alone, and the noise that they leave."""
-    variance = np.zeros(state.variance.size)
-    variance[families] = state.variance[families]
-    return _sized(data, _solved(data, variance, max(data.least, data.misfit / max(data.degrees, 1.0))), _FIRST_ROUNDS)
 
 
 def _predicted(data: _Data, state: _State, families: Indices) -> float:

@@ -10,7 +10,6 @@ from kreisel.refinement import discrepancy_evidence
 from kreisel.refinement.discrepancy_evidence import (
     _alone,
     _gains,
-    _only,
     _predicted,
     _predicted_without_each,
     _prepared,
@@ -178,15 +177,3 @@ def test_what_all_families_but_one_predict_is_what_they_predict_alone(designs):
     for f, found in zip(families, without, strict=True):
         assert found == pytest.approx(_predicted(data, state, families[families != f]), rel=1e-9)
     assert without[2] > without[:2].max()
-
-
-def test_a_large_family_is_judged_by_the_noise_that_it_leaves(designs):
-    """Beside one that does not come back, and by the noise that both leave, it would not predict."""
-    X, Z = designs
-    rng = np.random.default_rng(8)
-    y = 3.0 * Z[:, FAMILY == 1] @ rng.normal(size=EACH) + rng.normal(size=ROWS)
-    data = _prepared(linearised(X, Z, y), FAMILY, WEIGHT, 0.01)
-    state = _solved(data, np.where(np.isin(np.arange(FAMILIES), [1, 3]), 0.5, 0.0), 0.01)
-    alone = _only(data, state, np.array([1]))
-    assert set(np.flatnonzero(alone.variance > 0.0)) == {1}
-    assert alone.noise == pytest.approx(1.0, rel=0.2)
