@@ -21,7 +21,12 @@ from kreisel.refinement.discrepancy_terms import RANGE
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.noise_adaptation import CONTRADICTION, imu_density
 from kreisel.refinement.prior_conflict import MAX_SCORE, OFFSETS, prior_scores
-from kreisel.refinement.turning_reference import turn_found, turn_in_words
+from kreisel.refinement.turning_reference import (
+    NO_EARTH_RATE,
+    earth_rate_is_missing,
+    turn_found,
+    turn_in_words,
+)
 from kreisel.validation.stamp_checks import runs
 
 _WALKS = {
@@ -59,6 +64,10 @@ which the two sensors may differ."""
 
 _LARGE_TURN = 0.1
 """deg."""
+
+_CUT_OFF = 100.0
+"""Gain by which readings are cut off for certain. Chosen: a range that is exceeded shows by 500 and more; jitter of the
+IMU's stamps, which is largest in fast turns, by 35."""
 
 
 SEEN_IN_THE_DATA = frozenset({"vibration", "held poses", "pose outliers", "rounding", "stuck samples"})
@@ -144,7 +153,7 @@ def _turn(halves: SplitHalves, sensor: str) -> tuple[Array, Array] | None:
 
 def _range(estimate: Estimate) -> list[Cause]:
     """Return readings that are cut off near the ends of their range, before a filter or a factory's matrix."""
-    found = [one for one in estimate.discrepancy if one.family.of == RANGE]
+    found = [one for one in estimate.discrepancy if one.family.of == RANGE and one.gain > _CUT_OFF]
     return [Cause("exceeded range", f"{describe_family(one)}: move more gently", one.gain) for one in found]
 
 
@@ -154,6 +163,8 @@ def _site(estimate: Estimate, latitude: LatitudeCheck | None) -> list[Cause]:
         text = f"the stated latitude of {latitude.stated_deg:.4g} deg; the gyros show {latitude.found_deg:.1f} deg"
         mistaken = sum(e.gain for e in estimate.considered if e.included and e.group == "gyro_g_sensitivity")
         out.append(Cause("stated latitude", text, 0.5 * latitude.score**2 + mistaken))
+    if estimate.stated is not None and earth_rate_is_missing(estimate.stated, estimate.problem):
+        out.append(Cause("no Earth rate", NO_EARTH_RATE, _CERTAIN))
     turn = None if estimate.stated is None else turn_found(estimate.stated, estimate.problem, estimate.run)
     if turn is not None:
         out.append(Cause("turning reference", turn_in_words(*turn), 0.5 * (turn[0] / turn[1]) ** 2))

@@ -20,7 +20,7 @@ from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.model.problem import Problem
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.discrepancy_evidence import Weighed, undecided, weigh, worth_weighing
-from kreisel.refinement.discrepancy_terms import RANGE, DiscrepancyTerms, FoundFamily
+from kreisel.refinement.discrepancy_terms import RANGE, SIGN, DiscrepancyTerms, FoundFamily
 from kreisel.units import DEG, MG, MM, MRAD, MS
 
 LONGEST = 3.0 * 3600.0
@@ -252,4 +252,6 @@ def describe(one: FoundFamily) -> str:
     subject = f"{_OWNERS[owner]}, {what} by {by}" if by else f"{_OWNERS[owner]} by {what}"
     if what == RANGE:
         subject = f"{_OWNERS[owner]} that are cut off near the ends of their range"
+    if what == SIGN:
+        subject = f"{_OWNERS[owner]} whose offset changes with the sign of the reading, as by truncation"
     return f"{subject.replace('_', ' ')}, {one.size / size:.2g} {unit} rms (gain {one.gain:.0f})"

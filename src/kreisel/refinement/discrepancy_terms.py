@@ -39,6 +39,7 @@ from kreisel.refinement.term_functions import (
     polynomials,
     remembered,
     scales,
+    signs,
     some,
     waves,
 )
@@ -74,7 +75,7 @@ class Family:
     @property
     def paired(self) -> bool:
         """Whether each row has functions of its own, instead of all functions in each row."""
-        return self.of in (_OWN_ANGLE, _SCALE, RANGE)
+        return self.of in (_OWN_ANGLE, _SCALE, RANGE, SIGN)
 
 
 @dataclass(frozen=True)
@@ -257,10 +258,11 @@ class DiscrepancyTerms:
             own = (rates if owner == "gyroscope" else forces)[:, axes]
             own_rows = tuple(rows[axis] for axis in axes)
             common = {name: quantities[name] for name in names if name in quantities}
-            for name, basis in {**common, _SCALE: scales(own, t), RANGE: ends_of_range(own)}.items():
+            alone = {_SCALE: scales(own, t), RANGE: ends_of_range(own), SIGN: signs(own)}
+            for name, basis in {**common, **alone}.items():
                 usual_of = (drifting if name in _DRIFTS else known)[owner]
                 functions = usual_of.without(basis, values.get(name))
-                if name not in (_SCALE, RANGE) or functions.kept.size == basis.degree.size:
+                if name not in alone or functions.kept.size == basis.degree.size:
                     self._add(Family(owner, name, own_rows), functions)
 
     def _poses(self, problem: Problem) -> None:
@@ -359,6 +361,9 @@ _OWN_ANGLE, _SCALE = "own_angle", "scale_by_time"
 
 FIELD = "attitude"
 """What the error of a sensor depends on that follows a field fixed in the cell."""
+
+SIGN = "sign"
+"""Of a sensor whose readings are truncated to zero."""
 
 RANGE = "range"
 """Of a sensor whose readings are cut off near their ends."""

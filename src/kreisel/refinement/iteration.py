@@ -32,7 +32,17 @@ from kreisel.refinement.nominal_values import with_nominal_values
 from kreisel.refinement.parameter_walk import found_walks, may_walk
 from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, prior_penalty, with_wider_priors
 from kreisel.refinement.settling import Settling
-from kreisel.refinement.turning_reference import MIMICS, OF_EARTH, turn_of, turn_warning, with_turn
+from kreisel.refinement.turning_reference import (
+    MIMICS,
+    OF_EARTH,
+    earth_rate_warning,
+    lacks_earth_rate,
+    may_lack_earth_rate,
+    turn_of,
+    turn_warning,
+    with_free_earth_rate,
+    with_turn,
+)
 from kreisel.refinement.wrong_stamps import wrong_stamps_warning
 from kreisel.tasks import Executor, sequential
 
@@ -152,7 +162,7 @@ def estimate(
 def _estimate(problem: Problem, work: _Work) -> Estimate:
     begun, terms = work.executor([partial(_until_settled, problem, 0, work), partial(prepared_terms, problem)])
     work = replace(work, terms=terms)
-    passes = _with_arm_size(begun, work)
+    passes = _with_arm_size(_without_earth_rate(begun, work), work)
     passes = _without_contradiction(problem, passes, work)
     passes = _without_needless(problem, _with_effects(problem, passes, work), work)
     passes = _without_contradiction(problem, passes, work)
@@ -170,6 +180,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
         warnings.append(noise_warning(passes.problem, given=work.given.reference and work.given.imu))
     warnings += [*wrong_stamps_warning(passes.problem), *_whiteness(passes.problem, factor)]
     warnings += turn_warning(problem, passes.problem, passes.run)
+    warnings += earth_rate_warning(problem, passes.problem)
     last = _last_survey(passes, work)
     found = passes.problem
     run, errors = with_nominal_values(found, passes.run, factor)
@@ -302,6 +313,15 @@ def _until_settled(problem: Problem, before: int, work: _Work, begun: Fit | None
         passes.take(following, estimator.refit(following, passes.near, gate=passes.gate, progress=step))
     moved = passes.moved if passes.count > 1 else 0.0
     return _Passes(passes.problem, passes.run, before + passes.count, passes.adapted, moved)
+
+
+def _without_earth_rate(passes: _Passes, work: _Work) -> _Passes:
+    """Return the passes with an unknown rotation of the Earth, where gyros show none of the stated one."""
+    problem, run = passes.problem, passes.run
+    if problem.settings.passes is not None or not may_lack_earth_rate(problem, run):
+        return passes
+    free = _until_settled(with_free_earth_rate(problem, run), passes.count, work)
+    return free if lacks_earth_rate(free.problem, free.run) else passes
 
 
 def _with_effects(first: Problem, passes: _Passes, work: _Work) -> _Passes:

@@ -186,6 +186,11 @@ def ends_of_range(own: Array) -> Basis:
     return Basis(values, np.ones(2 * own.shape[1]), apart=np.ones(2 * own.shape[1], dtype=bool))
 
 
+def signs(own: Array) -> Basis:
+    """Return the signs of own readings (n, 3), axis by axis: what is truncated to zero lacks half a step."""
+    return Basis(lambda which: np.sign(own[which]), np.ones(own.shape[1]), apart=np.ones(own.shape[1], dtype=bool))
+
+
 def changes(first: Array, second: Array) -> Basis:
     """Return products of two of the first derivatives (n, 3) of readings, and both derivatives as they are.
 

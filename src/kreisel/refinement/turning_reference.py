@@ -24,6 +24,12 @@ BY_CHANCE = 5.0
 """Logarithm of the ratio of evidences above which an effect is the same in all axes not by chance. Chosen: one stated
 latitude in a hundred is wrong."""
 
+NO_EARTH_RATE = "the gyros' readings contain no rotation of the Earth"
+
+_SEEN, _LITTLE, _NONE = 0.2, 0.5, 16.0
+"""Deviation of the level rotation, over that of the stated latitude, up to which it is seen; share of the Earth's
+rotation that is little; square of the deviations of three components within which they are zero."""
+
 _NO_LATITUDE = 3.0
 """Earth's rates beyond which a turn is that of the reference: a wrong latitude makes two at most."""
 
@@ -53,6 +59,46 @@ def with_turn(problem: Problem, run: Fit, rate: float) -> Problem:
     covariance = free.prior.covariance | {"earth_down": np.array([[(rate / EARTH_RATE) ** 2]])}
     start = free.prior.start_covariance | {"earth_down": covariance["earth_down"]}
     return replace(free, prior=replace(free.prior, covariance=covariance, start_covariance=start))
+
+
+def may_lack_earth_rate(problem: Problem, run: Fit) -> bool:
+    """Return whether gyros that would show the rotation at a stated latitude show little of its level part."""
+    layout, site = problem.layout, problem.site
+    if site.earth_rate_n is None or "north" not in layout or abs(site.earth_rate_units[0]) < _SEEN * EARTH_RATE:
+        return False
+    deviation = float(np.max(run.belief.standard_deviation[layout["north"]]))
+    return float(np.linalg.norm(run.parameters.north)) < _LITTLE and deviation < _SEEN
+
+
+def lacks_earth_rate(free: Problem, run: Fit) -> bool:
+    """Return whether gyros show no rotation of the Earth, by a run with an unknown one; a wrong latitude turns it only.
+
+    Navigation systems take it out of their rates.
+    """
+    d = np.r_[free.layout["north"], free.layout["earth_down"]]
+    rotation = np.append(run.parameters.north, run.parameters.earth_down)
+    P = run.belief.covariance[np.ix_(d, d)]
+    return float(np.linalg.norm(rotation)) < _LITTLE and float(rotation @ np.linalg.solve(P, rotation)) < _NONE
+
+
+def earth_rate_warning(first: Problem, last: Problem) -> list[DataWarning]:
+    """Return the warning that the stated latitude says nothing of the gyros' rates.
+
+    first, last: the problem as stated, and that of the result.
+    """
+    if not earth_rate_is_missing(first, last):
+        return []
+    text = (
+        f"{NO_EARTH_RATE}, as in rates of a navigation system: it is estimated, and the stated latitude gives gravity "
+        "alone (the gyros would have had to respond to acceleration alike in all axes)"
+    )
+    return [DataWarning("site", text)]
+
+
+def earth_rate_is_missing(first: Problem, last: Problem) -> bool:
+    """Return whether the rotation of a stated latitude was given up, and no turn of the reference found instead."""
+    stated = first.site.earth_rate_n is not None and last.site.earth_rate_n is None
+    return stated and last.prior.covariance["earth_down"][0, 0] <= EARTH_SD**2
 
 
 def turn_found(first: Problem, last: Problem, run: Fit) -> tuple[float, float] | None:

@@ -92,6 +92,15 @@ def test_what_exceeds_a_range_is_added_near_its_end_alone():
     assert added.min() >= 0.0
 
 
+def test_truncation_to_zero_is_an_offset_with_the_sign_of_the_reading():
+    problem = camera_problem()
+    before = problem.sensor.readings.rates[:, 2]
+    added = terms().corrected(problem, amplitudes("gyroscope.sign", 0, 2, 1e-3)).sensor.readings.rates[:, 2] - before
+    far = np.abs(before) > 0.05
+    assert np.mean(far) > 0.3
+    np.testing.assert_allclose(added[far], 1e-3 * np.sign(before[far]), rtol=0.02)
+
+
 def test_a_drift_keeps_what_it_has_in_common_with_the_motion():
     problem = camera_problem()
     changed = terms().corrected(problem, amplitudes("accelerometer.time", 2, 1, 1e-3)).sensor.readings
