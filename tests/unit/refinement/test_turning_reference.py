@@ -8,9 +8,10 @@ import pytest
 
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.outcome import Outcome
-from kreisel.geometry.rotation import apply, exp, multiply
+from kreisel.geometry.rotation import apply, exp, matrix, multiply
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.site import earth_rate_r
 from kreisel.refinement.turning_reference import turn_found, turn_warning, with_turn
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
@@ -59,6 +60,29 @@ def test_a_heading_that_drifts_is_a_turn_and_no_response_to_acceleration(place: 
         away = turning.estimate.run.belief.mean[part] - steady.estimate.run.belief.mean[own]
         assert np.abs(away / turning.estimate.deviation[part]).max() < 3.0
     assert turn_found(steady.estimate.stated, steady.problem, steady.estimate.run) is None
+
+
+def test_rates_without_the_rotation_of_the_earth_are_noticed() -> None:
+    """A navigation system has taken it out: gyros seemed to respond to acceleration, 25 to 33 deviations."""
+    cell = Cell.model_validate({"seed": 4, "seconds": 150.0, "imu": {"grade": "fog"}, "reference": {"kind": "mocap"}})
+    recording = simulate(cell, Path("cell"))[1]
+    plain = run_calibration(check_streams(recording), CalibrationSettings())
+    p, imu, reference = plain.estimate.run.parameters, recording.imu, recording.reference
+    assert reference is not None
+    assert reference.quaternions is not None
+    poses = np.searchsorted(reference.seconds, p.clock.reference_time(imu.seconds)).clip(0, reference.seconds.size - 1)
+    in_b = matrix(reference.quaternions[poses]).swapaxes(1, 2) @ earth_rate_r(plain.problem.site, p)
+    without = replace(imu, rates=imu.rates - in_b @ np.linalg.inv(p.sensors.K_omega).T)
+    found = run_calibration(check_streams(replace(recording, imu=without)), CalibrationSettings())
+    assert found.verdict.accepted
+    assert found.verdict.causes[0].name == "no Earth rate"
+    assert "gyro_g_sensitivity" not in {e.group for e in found.estimate.considered if e.included}
+    assert any("no rotation of the Earth" in warning.message for warning in found.warnings)
+    for group in ("gyro_cross_coupling", "gyro_offset"):
+        part = found.problem.layout[group]
+        away = found.estimate.run.belief.mean[part] - plain.estimate.run.belief.mean[plain.problem.layout[group]]
+        assert np.abs(away / found.estimate.deviation[part]).max() < 3.0
+    assert not plain.verdict.causes
 
 
 def test_a_turn_is_a_wide_prior_of_the_vertical_rotation() -> None:
