@@ -8,11 +8,15 @@ import numpy as np
 
 from kreisel.calibration.evidence import LatitudeCheck
 from kreisel.fitting.fit import Fit
+from kreisel.fitting.terms import GYRO_ROWS, Terms
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.model.problem import Problem, with_nominal, without_groups
+from kreisel.model.site import EARTH_SD
 from kreisel.progress import Progress, of_step
+from kreisel.refinement.discrepancy_terms import axes_of_n
 from kreisel.refinement.estimate import Estimate
+from kreisel.refinement.sample_groups import SampleGroups
 from kreisel.refinement.turning_reference import BY_CHANCE, MIMICS, same_in_all_axes, with_free_earth_rate
 from kreisel.units import STANDARD_GRAVITY
 
@@ -22,6 +26,9 @@ _AS_GOOD = 10.0
 _NO_LATITUDE, _VAGUE_DEG = 9.0, 10.0
 """Square of the deviations by which a rotation of the Earth's size may miss what is found, and deviation (deg) of a
 latitude, beyond which it is not the latitude that is found."""
+
+_CLEAR = 2.0
+"""Score below which a check to first order needs no run. Chosen: half of that at which a latitude is contradicted."""
 
 SEEN = 0.2
 """Standard deviation of north, in units of the Earth's rate, above which the gyros cannot determine the latitude."""
@@ -37,11 +44,16 @@ def check_latitude(found: Estimate, progress: Progress | None = None) -> Latitud
     north_sd = abs(level) / EARTH_RATE * float(np.max(run.belief.standard_deviation[layout["north"]]))
     if north_sd > SEEN and abs(level) > 0.1 * EARTH_RATE and MIMICS not in layout:
         return None
-    step = of_step(progress, "latitude")
     # what is not estimated is in the north as it is in the Earth's rotation
     larger = float(np.max(found.deviation[layout["north"]] / run.belief.standard_deviation[layout["north"]]))
+    stated = down / EARTH_RATE
+    if MIMICS not in layout:
+        check = _linearised(found, stated, larger)
+        if check is not None and check.score < _CLEAR:
+            return check
+    step = of_step(progress, "latitude")
     free = with_free_earth_rate(problem, run)
-    fit, stated = estimator.fit(free, progress=step), down / EARTH_RATE
+    fit = estimator.fit(free, progress=step)
     if MIMICS in layout:
         # A wrong latitude looks like gyros that respond to acceleration: along gravity, and equally in all axes.
         plain = replace(run, parameters=with_nominal(problem, run.parameters, (MIMICS,)))
@@ -53,6 +65,37 @@ def check_latitude(found: Estimate, progress: Progress | None = None) -> Latitud
             if check is not None:
                 return check
     return _check_of(free, fit, stated, larger)
+
+
+def _linearised(found: Estimate, stated: float, larger: float) -> LatitudeCheck | None:
+    """Return the check to first order about an estimate; None where it takes a run with a free rotation."""
+    if found.linear is None or found.problem.reference.quaternions is None:
+        return None
+    problem, run = found.problem, found.run
+    part, level = problem.layout["north"], problem.site.earth_rate_units[0] / EARTH_RATE
+    about = found.linear.about(_vertical_terms(problem, run))
+    alike = np.ones(3)  # one rate in all three axes of the gyros
+    information = float(alike @ about.information @ alike) + EARTH_SD**-2
+    more = (float(alike @ about.score) - stated * EARTH_SD**-2) / information
+    column = level * (about.change @ alike)[part]
+    north = level * run.parameters.north + column * more
+    P = np.empty((3, 3))
+    P[:2, :2] = level**2 * run.belief.covariance[part, part] + np.outer(column, column) / information
+    P[:2, 2] = P[2, :2] = column / information
+    P[2, 2] = 1.0 / information
+    return _of_rotation(north, stated + more, larger**2 * P, stated)
+
+
+def _vertical_terms(problem: Problem, run: Fit) -> Terms:
+    """Return what a further unit of the Earth's rate downward adds to the readings of each gyro."""
+    readings, updates = problem.sensor.readings, problem.schedule.updates
+    grid = SampleGroups.of(readings.stamps)
+    t = grid.average(readings.stamps[:, None])[:, 0]
+    down = axes_of_n(problem, run.parameters, t)[:, :, 2]
+    rates = -EARTH_RATE * down @ np.linalg.inv(run.parameters.sensors.K_omega).T
+    first, last = (np.array([getattr(update, name) for update in updates]) for name in ("first", "last"))
+    directions = np.broadcast_to(np.eye(6), (len(updates), 6, 6))
+    return Terms(grid.mean(rates.__getitem__, first, last), np.arange(3), np.array(GYRO_ROWS), directions)
 
 
 def _isotropic(free: Problem, fit: Fit) -> float:
@@ -84,9 +127,12 @@ def _check_of(free: Problem, found: Fit, stated: float, larger: float, beyond: f
     d = free.layout
     index = np.r_[d["north"], d["earth_down"]]
     P = larger**2 * found.belief.covariance[np.ix_(index, index)] + beyond**2 * np.eye(3)
-    if float(np.sqrt(np.diag(P)).max()) > SEEN:
-        return None
-    return _compared(found.parameters.north, found.parameters.earth_down, P, stated)
+    return _of_rotation(found.parameters.north, found.parameters.earth_down, P, stated)
+
+
+def _of_rotation(north: Array, vertical: float, P: Array, stated: float) -> LatitudeCheck | None:
+    """Return the check of an estimated rotation; None where it is too uncertain, or no latitude explains it."""
+    return None if float(np.sqrt(np.diag(P)).max()) > SEEN else _compared(north, vertical, P, stated)
 
 
 def _compared(north: Array, vertical: float, P: Array, stated: float) -> LatitudeCheck | None:

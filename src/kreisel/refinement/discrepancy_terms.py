@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from kreisel.fitting.terms import ACCEL_ROWS, GYRO_ROWS, POSE_ROWS, Terms
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, exp, log, matrix, multiply
 from kreisel.inertial.sensor_model import linear_columns
+from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, with_readings
 from kreisel.model.schedule import Schedule
 from kreisel.recording.recording import ReferencePoses
@@ -247,7 +248,7 @@ class DiscrepancyTerms:
             difference = grid.average(readings.temperature_difference[:, None])
             quantities["temperature"] = polynomials(difference.__getitem__, t.size, 3)
         if problem.reference.quaternions is not None:
-            level = _level(problem, t)
+            level = axes_of_n(problem, problem.prior.start, t)[:, :, :2].reshape(t.size, -1)
             every = np.ones(level.shape[1])
             quantities[FIELD] = Basis(level.__getitem__, every, apart=every > 0.0)
         values = {name: basis.of(some(t.size)) for name, basis in quantities.items()}
@@ -400,14 +401,14 @@ def _motion(reference: ReferencePoses, which: Indices) -> Array:
     return out
 
 
-def _level(problem: Problem, t: Array) -> Array:
-    """Return two level directions of the cell in b at IMU times t (n,), by the nearest pose, (n, 6).
+def axes_of_n(problem: Problem, parameters: CellParameters, t: Array) -> Array:
+    """Return the axes of n in b at IMU times t (n,), by the nearest pose, as columns (n, 3, 3).
 
-    What follows a field that is fixed in the cell, such as a magnetic one, is a sum of these and of the vertical one.
+    What follows a field that is fixed in the cell, such as a magnetic one, is a sum of these directions.
     """
-    q, tau, start = problem.reference.quaternions, problem.reference.seconds, problem.prior.start
-    assert q is not None  # noqa: S101 - for the type checker; the caller checked
-    at = start.clock.reference_time(t)
+    q, tau = problem.reference.quaternions, problem.reference.seconds
+    assert q is not None  # noqa: S101 - for the type checker; without orientations nobody asks
+    at = parameters.clock.reference_time(t)
     after = np.clip(np.searchsorted(tau, at), 1, tau.size - 1)
     nearest = np.where(at - tau[after - 1] < tau[after] - at, after - 1, after)
-    return np.asarray(np.swapaxes(matrix(q[nearest]), 1, 2) @ matrix(start.q_rn)[:, :2]).reshape(-1, 6)
+    return np.asarray(np.swapaxes(matrix(q[nearest]), 1, 2) @ matrix(parameters.q_rn))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from kreisel.calibration.latitude_check import SEEN, _compared, _isotropic, check_latitude
+from kreisel.calibration.latitude_check import SEEN, _compared, _isotropic, _linearised, check_latitude
 from kreisel.inertial.earth import EARTH_RATE
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
@@ -113,6 +113,24 @@ def test_a_wrong_latitude_does_not_change_what_the_readings_show(wrong):
     assert found.stated_deg == pytest.approx(wrong)
     assert found.found_deg == pytest.approx(right.found_deg, abs=0.3 * right.deviation_deg)
     assert found.score > 6.0
+
+
+@pytest.mark.parametrize("stated", [TRUE, 40.0, 60.0, 20.0])
+def test_to_first_order_the_check_is_that_of_a_run(stated):
+    problem, fit = quiet_cell(stated)
+    by_run = check_latitude(estimate_of(problem, fit))
+    found = replace(estimate_of(problem, fit), linear=KalmanFilter().linearise(problem, fit))
+    first = _linearised(found, -np.sin(np.radians(stated)), 1.0)
+    assert first.found_deg == pytest.approx(by_run.found_deg, abs=0.25 * by_run.deviation_deg)
+    assert first.deviation_deg == pytest.approx(by_run.deviation_deg, rel=0.03)
+    assert first.score == pytest.approx(by_run.score, abs=0.25)
+
+
+def test_a_latitude_that_fits_to_first_order_needs_no_run(monkeypatch):
+    problem, fit = quiet_cell()
+    found = replace(estimate_of(problem, fit), linear=KalmanFilter().linearise(problem, fit))
+    monkeypatch.setattr(KalmanFilter, "fit", None)
+    assert check_latitude(found).score < 2.0
 
 
 def test_a_wrong_latitude_is_no_response_to_acceleration_that_is_the_same_in_all_axes():
