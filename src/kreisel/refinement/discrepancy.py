@@ -152,7 +152,7 @@ def find_discrepancy(
     return Discrepancy(
         found,
         columns,
-        undecided(whole.change, weighed),
+        undecided(whole.change, weighed, np.array([terms.families[w].odds for w in worth])),
         _remainder(every.some(own), family, 1.0 / weight, terms.ends[own], whole.change, weighed),
         _ATTRIBUTED * _by_family(family, whole.change, weighed),
     )

@@ -22,8 +22,8 @@ MIN_GAIN = 10.0
 MIN_PREDICTED = 3.0
 """Minimum gain in log-likelihood of parts of the recording by a family's amplitudes from all other parts."""
 
-ODDS = 1.0 / 50.0
-"""Odds, before any look at the data, that a device or a reference has errors of a family."""
+ODDS, RARE_ODDS = 1.0 / 50.0, 1.0 / 1000.0
+"""Odds, before any look at the data, that a device or a reference has errors of a family, and of one that is rare."""
 
 _HOPELESS = 1.0
 """Gain of a family below which it is not looked at further."""
@@ -380,12 +380,20 @@ def _gains(data: _Data, state: _State) -> Array:
     return out
 
 
-def undecided(change: Array, weighed: Weighed) -> Array:
+def undecided(change: Array, weighed: Weighed, odds: Array | float = ODDS) -> Array:
     """Return columns (n, k) for families that are left out, and may be there or not.
 
     The square of a column is what a family would change in the parameters, and the uncertainty of that, times the
-    probability that it is there. change (n, m): of the parameters, for unit amplitudes.
+    probability that it is there.
+
+    Parameters
+    ----------
+    change : (n, m)
+        Of the parameters, for unit amplitudes.
+    odds : (f,)
+        Of each family, before any look at the data.
     """
+    before = np.broadcast_to(odds, weighed.chosen.shape)
     rest, columns = weighed.rest, [np.zeros((len(change), 0))]
     for f in np.flatnonzero(~weighed.chosen):
         gain, size = _alone(rest, int(f), weighed.noise)
@@ -394,8 +402,8 @@ def undecided(change: Array, weighed: Weighed) -> Array:
         variance = np.zeros(weighed.chosen.size)
         variance[f] = size
         state = _solved(rest, variance, weighed.noise)
-        odds = ODDS * np.exp(min(gain, _predicted(rest, state, np.array([f])), MIN_GAIN))
+        there = before[f] * np.exp(min(gain, _predicted(rest, state, np.array([f])), MIN_GAIN))
         U = change[:, state.places] * _prior(rest, variance)[state.places] * rest.unit[state.places]
         part = np.hstack([(U @ state.value)[:, None], U @ np.linalg.cholesky(state.P)])
-        columns.append(np.sqrt(odds / (1.0 + odds)) * part)
+        columns.append(np.sqrt(there / (1.0 + there)) * part)
     return np.hstack(columns)

@@ -26,6 +26,7 @@ from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, with_readings
 from kreisel.model.schedule import Schedule
 from kreisel.recording.recording import ReferencePoses
+from kreisel.refinement.discrepancy_evidence import ODDS, RARE_ODDS
 from kreisel.refinement.sample_groups import SampleGroups, blocks
 from kreisel.refinement.term_functions import (
     WAVES,
@@ -72,6 +73,11 @@ class Family:
     def name(self) -> str:
         """Name in files."""
         return f"{self.owner}.{self.of}"
+
+    @property
+    def odds(self) -> float:
+        """Odds, before any look at the data, that there are errors of it: few devices follow a field."""
+        return RARE_ODDS if self.of == FIELD else ODDS
 
     @property
     def paired(self) -> bool:

@@ -136,6 +136,15 @@ def test_a_family_that_may_be_there_counts_with_its_probability(designs):
     assert np.sum(hinted**2) > 2.0 * np.sum(plain**2)
 
 
+def test_a_rare_family_that_may_be_there_counts_less(designs):
+    X, Z = designs
+    rng = np.random.default_rng(8)
+    found = linearised(X, Z, rng.normal(size=ROWS))
+    weighed = weigh(replace(found, score=found.score + found.information[:, 0] * 0.15), FAMILY, WEIGHT)
+    usual, rare = (undecided(found.change, weighed, odds) for odds in (0.02, np.full(FAMILIES, 0.001)))
+    assert 0.04 < np.sum(rare**2) / np.sum(usual**2) < 0.2
+
+
 def scored(X, Z, y, rng):
     free = Z - X @ np.linalg.lstsq(X, Z, rcond=None)[0]
     return Scores(free.T @ y, rng.normal(size=(32, ROWS)) @ free)
