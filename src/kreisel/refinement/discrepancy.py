@@ -7,7 +7,7 @@ corrected by them, and the usual parameters found again; what the terms leave un
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,7 +20,8 @@ from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.model.problem import Problem
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.discrepancy_evidence import Weighed, undecided, weigh, worth_weighing
-from kreisel.refinement.discrepancy_terms import RANGE, SIGN, DiscrepancyTerms, FoundFamily
+from kreisel.refinement.discrepancy_terms import FIELD, RANGE, SIGN, DiscrepancyTerms, Family, FoundFamily
+from kreisel.refinement.turning_reference import OF_EARTH
 from kreisel.units import DEG, MG, MM, MRAD, MS
 
 LONGEST = 3.0 * 3600.0
@@ -152,10 +153,25 @@ def find_discrepancy(
     return Discrepancy(
         found,
         columns,
-        undecided(whole.change, weighed, np.array([terms.families[w].odds for w in worth])),
+        undecided(
+            _beside_rotation(recorded, whole.change, [terms.families[f] for f in worth[family]]),
+            weighed,
+            np.array([terms.families[f].odds for f in worth]),
+        ),
         _remainder(every.some(own), family, 1.0 / weight, terms.ends[own], whole.change, weighed),
         _ATTRIBUTED * _by_family(family, whole.change, weighed),
     )
+
+
+def _beside_rotation(problem: Problem, change: Array, families: Sequence[Family]) -> Array:
+    """Return the change of parameters (n, m) by terms of families, (m,), where a field is no rotation of the Earth.
+
+    A rate of the gyros that is constant in the cell is one: nothing but a field's prior says how much of it is not.
+    """
+    out, layout = change.copy(), problem.layout
+    rotation = [i for group in OF_EARTH if group in layout for i in range(layout[group].start, layout[group].stop)]
+    out[np.ix_(rotation, [family.of == FIELD for family in families])] = 0.0
+    return out
 
 
 def _by_family(family: Indices, change: Array, weighed: Weighed) -> Array:

@@ -36,6 +36,7 @@ from kreisel.refinement.term_functions import (
     changes,
     cosines,
     ends_of_range,
+    in_steps,
     of_angles,
     of_own_angle,
     polynomials,
@@ -76,8 +77,8 @@ class Family:
 
     @property
     def odds(self) -> float:
-        """Odds, before any look at the data, that there are errors of it: few devices follow a field."""
-        return RARE_ODDS if self.of == FIELD else ODDS
+        """Odds, before any look at the data, that there are errors of it: few devices follow a field, or truncate."""
+        return RARE_ODDS if self.of in (FIELD, SIGN, RANGE) else ODDS
 
     @property
     def paired(self) -> bool:
@@ -265,7 +266,9 @@ class DiscrepancyTerms:
             own = (rates if owner == "gyroscope" else forces)[:, axes]
             own_rows = tuple(rows[axis] for axis in axes)
             common = {name: quantities[name] for name in names if name in quantities}
-            alone = {_SCALE: scales(own, t), RANGE: ends_of_range(own), SIGN: signs(own)}
+            alone = {_SCALE: scales(own, t), RANGE: ends_of_range(own)}
+            if in_steps(readings.rates if owner == "gyroscope" else readings.accelerations):
+                alone[SIGN] = signs(own)
             for name, basis in {**common, **alone}.items():
                 usual_of = (drifting if name in _DRIFTS else known)[owner]
                 functions = usual_of.without(basis, values.get(name))

@@ -9,7 +9,7 @@ import pytest
 from kreisel.geometry.rotation import conjugate, log, matrix, multiply
 from kreisel.model.problem import with_readings, without_groups
 from kreisel.refinement.discrepancy_terms import DiscrepancyTerms
-from kreisel.refinement.sample_groups import STEP
+from kreisel.refinement.sample_groups import STEP, SampleGroups
 
 from ...small_problem import camera_problem
 
@@ -93,12 +93,20 @@ def test_what_exceeds_a_range_is_added_near_its_end_alone():
 
 
 def test_truncation_to_zero_is_an_offset_with_the_sign_of_the_reading():
-    problem = camera_problem()
-    before = problem.sensor.readings.rates[:, 2]
-    added = terms().corrected(problem, amplitudes("gyroscope.sign", 0, 2, 1e-3)).sensor.readings.rates[:, 2] - before
+    assert not any(family.of == "sign" for family in terms().families)  # they are no whole numbers of steps
+    problem, step = camera_problem(), 1e-3
+    readings = problem.sensor.readings
+    cut = with_readings(problem, readings.with_values(rates=np.trunc(readings.rates / step) * step))
+    found = DiscrepancyTerms(cut)
+    (number,) = (i for i, family in enumerate(found.families) if family.of == "sign")
+    own = np.zeros(found.family.size)
+    own[np.flatnonzero(found.family == number)[2]] = 0.5 * step
+    before = cut.sensor.readings.rates[:, 2]
+    added = found.corrected(cut, own).sensor.readings.rates[:, 2] - before
     far = np.abs(before) > 0.05
     assert np.mean(far) > 0.3
-    np.testing.assert_allclose(added[far], 1e-3 * np.sign(before[far]), rtol=0.02)
+    size = 0.5 * step / np.sqrt(np.mean(np.sign(SampleGroups.of(readings.stamps).average(before[:, None])) ** 2))
+    np.testing.assert_allclose(added[far], size * np.sign(before[far]), rtol=0.02)
 
 
 def test_a_drift_keeps_what_it_has_in_common_with_the_motion():
