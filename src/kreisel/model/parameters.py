@@ -24,6 +24,9 @@ PASSING_GROUPS = tuple(group.name for group in REGISTRY if group.passing)
 WALKING_GROUPS = ("gyro_offset", "accel_offset", "time_offset")
 """Groups that may walk at random during a recording."""
 
+OF_EARTH = ("north", "earth_down")
+"""The groups of the Earth's rotation, or of a reference that turns."""
+
 DELAYS = ("gyro_axis_delay", "accel_delay", "accel_axis_delay")
 SMOOTHINGS = ("gyro_axis_smoothing", "accel_smoothing", "accel_axis_smoothing", "reference_smoothing")
 """Groups that are terms of the series of a delayed and smoothed signal."""

@@ -17,11 +17,11 @@ from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit, Linearised
 from kreisel.fitting.terms import Linearisation, Terms
 from kreisel.geometry.rotation import Array, Indices, Mask
+from kreisel.model.parameters import OF_EARTH
 from kreisel.model.problem import Problem
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.discrepancy_evidence import Weighed, undecided, weigh, worth_weighing
 from kreisel.refinement.discrepancy_terms import FIELD, RANGE, SIGN, DiscrepancyTerms, Family, FoundFamily
-from kreisel.refinement.turning_reference import OF_EARTH
 from kreisel.units import DEG, MG, MM, MRAD, MS
 
 LONGEST = 3.0 * 3600.0

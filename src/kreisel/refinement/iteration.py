@@ -15,7 +15,7 @@ from kreisel.fitting.fit import WIDE_GATE, Estimator, Fit, Linearised
 from kreisel.fitting.result_change import with_unit_of_data
 from kreisel.model.assumed_noise import PoseError
 from kreisel.model.considered_terms import Considered, describe
-from kreisel.model.parameters import GROUPS
+from kreisel.model.parameters import GROUPS, OF_EARTH
 from kreisel.model.problem import Problem, with_correlation_time
 from kreisel.progress import Progress, StepProgress, of_step
 from kreisel.recording.recording import DataWarning
@@ -34,7 +34,6 @@ from kreisel.refinement.prior_conflict import OFFSETS, contradicted_offsets, pri
 from kreisel.refinement.settling import Settling
 from kreisel.refinement.turning_reference import (
     MIMICS,
-    OF_EARTH,
     earth_rate_warning,
     lacks_earth_rate,
     may_lack_earth_rate,

@@ -14,9 +14,6 @@ from kreisel.model.site import EARTH_SD
 from kreisel.recording.recording import DataWarning
 from kreisel.units import DEG_PER_HOUR
 
-OF_EARTH = ("north", "earth_down")
-"""The groups of the Earth's rotation, or of a reference that turns."""
-
 MIMICS = "gyro_g_sensitivity"
 """The effect that a turn about the vertical looks like, for gravity is nearly all of the force."""
 
