@@ -170,7 +170,8 @@ def _beside_rotation(problem: Problem, change: Array, families: Sequence[Family]
     """
     out, layout = change.copy(), problem.layout
     rotation = [i for group in OF_EARTH if group in layout for i in range(layout[group].start, layout[group].stop)]
-    out[np.ix_(rotation, [family.of == FIELD for family in families])] = 0.0
+    constant = [family.owner == "gyroscope" and family.of == FIELD for family in families]
+    out[np.ix_(rotation, constant)] = 0.0
     return out
 
 
