@@ -69,10 +69,13 @@ def check_latitude(found: Estimate, progress: Progress | None = None) -> Latitud
 
 def _linearised(found: Estimate, stated: float, larger: float) -> LatitudeCheck | None:
     """Return the check to first order about an estimate; None where it takes a run with a free rotation."""
-    if found.linear is None or found.problem.reference.quaternions is None:
-        return None
     problem, run = found.problem, found.run
-    part, level = problem.layout["north"], problem.site.earth_rate_units[0] / EARTH_RATE
+    layout = problem.layout
+    # terms of readings enter with the offsets of their axes
+    whole = "gyro_offset" in layout and layout.present("gyro_offset").size == layout.whole("gyro_offset")
+    if found.linear is None or problem.reference.quaternions is None or not whole:
+        return None
+    part, level = layout["north"], problem.site.earth_rate_units[0] / EARTH_RATE
     about = found.linear.about(_vertical_terms(problem, run))
     alike = np.ones(3)  # one rate in all three axes of the gyros
     information = float(alike @ about.information @ alike) + EARTH_SD**-2
