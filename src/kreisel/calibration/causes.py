@@ -164,7 +164,8 @@ def _site(estimate: Estimate, latitude: LatitudeCheck | None) -> list[Cause]:
         mistaken = sum(e.gain for e in estimate.considered if e.included and e.group == "gyro_g_sensitivity")
         out.append(Cause("stated latitude", text, 0.5 * latitude.score**2 + mistaken))
     if estimate.stated is not None and earth_rate_is_missing(estimate.stated, estimate.problem):
-        out.append(Cause("no Earth rate", NO_EARTH_RATE, _LITTLE))
+        deviation = float(np.max(estimate.run.belief.standard_deviation[estimate.problem.layout["north"]]))
+        out.append(Cause("no Earth rate", NO_EARTH_RATE, 0.5 * deviation**-2))
     turn = None if estimate.stated is None else turn_found(estimate.stated, estimate.problem, estimate.run)
     if turn is not None:
         out.append(Cause("turning reference", turn_in_words(*turn), 0.5 * (turn[0] / turn[1]) ** 2))
