@@ -16,6 +16,7 @@ from kreisel.model.site import EARTH_SD
 from kreisel.progress import Progress, of_step
 from kreisel.refinement.discrepancy_terms import axes_of_n
 from kreisel.refinement.estimate import Estimate
+from kreisel.refinement.named_terms import has_offsets
 from kreisel.refinement.sample_groups import SampleGroups
 from kreisel.refinement.turning_reference import BY_CHANCE, MIMICS, same_in_all_axes, with_free_earth_rate
 from kreisel.units import STANDARD_GRAVITY
@@ -70,12 +71,10 @@ def check_latitude(found: Estimate, progress: Progress | None = None) -> Latitud
 def _linearised(found: Estimate, stated: float, larger: float) -> LatitudeCheck | None:
     """Return the check to first order about an estimate; None where it takes a run with a free rotation."""
     problem, run = found.problem, found.run
-    layout = problem.layout
     # terms of readings enter with the offsets of their axes
-    whole = "gyro_offset" in layout and layout.present("gyro_offset").size == layout.whole("gyro_offset")
-    if found.linear is None or problem.reference.quaternions is None or not whole:
+    if found.linear is None or problem.reference.quaternions is None or not has_offsets(problem, "gyro_offset"):
         return None
-    part, level = layout["north"], problem.site.earth_rate_units[0] / EARTH_RATE
+    part, level = problem.layout["north"], problem.site.earth_rate_units[0] / EARTH_RATE
     about = found.linear.about(_vertical_terms(problem, run))
     alike = np.ones(3)  # one rate in all three axes of the gyros
     information = float(alike @ about.information @ alike) + EARTH_SD**-2
@@ -91,13 +90,12 @@ def _linearised(found: Estimate, stated: float, larger: float) -> LatitudeCheck 
 
 def _vertical_terms(problem: Problem, run: Fit) -> Terms:
     """Return what a further unit of the Earth's rate downward adds to the readings of each gyro."""
-    readings, updates = problem.sensor.readings, problem.schedule.updates
-    grid = SampleGroups.of(readings.stamps)
-    t = grid.average(readings.stamps[:, None])[:, 0]
+    stamps, (first, last) = problem.sensor.readings.stamps, problem.schedule.samples
+    grid = SampleGroups.of(stamps)
+    t = grid.average(stamps[:, None])[:, 0]
     down = axes_of_n(problem, run.parameters, t)[:, :, 2]
     rates = -EARTH_RATE * down @ np.linalg.inv(run.parameters.sensors.K_omega).T
-    first, last = (np.array([getattr(update, name) for update in updates]) for name in ("first", "last"))
-    directions = np.broadcast_to(np.eye(6), (len(updates), 6, 6))
+    directions = np.broadcast_to(np.eye(6), (first.size, 6, 6))
     return Terms(grid.mean(rates.__getitem__, first, last), np.arange(3), np.array(GYRO_ROWS), directions)
 
 

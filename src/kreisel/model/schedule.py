@@ -74,6 +74,11 @@ class Schedule:
     stillness: ImuStillness | None = field(default=None, repr=False)
 
     @property
+    def samples(self) -> tuple[Indices, Indices]:
+        """First and last sample between each update and the one before, (u,) each."""
+        return np.array([u.first for u in self.updates]), np.array([u.last for u in self.updates])
+
+    @property
     def poses(self) -> Indices:
         """The poses of the updates, (updates,)."""
         return np.array([update.pose for update in self.updates], dtype=np.int64)

@@ -160,8 +160,7 @@ class DiscrepancyTerms:
         return self._last[1]
 
     def _at(self, schedule: Schedule) -> Terms:
-        updates = schedule.updates
-        first, last, pose = (np.array([getattr(u, name) for u in updates]) for name in ("first", "last", "pose"))
+        (first, last), pose = schedule.samples, schedule.poses
         means: dict[Callable[[Indices], Array], Array] = {}  # sensors have functions in common
         for family, functions in zip(self._families, self._functions, strict=True):
             for of in (functions.raw, functions.usual) if family.owner in _SENSORS else ():
@@ -256,8 +255,7 @@ class DiscrepancyTerms:
             quantities["temperature"] = polynomials(difference.__getitem__, t.size, 3)
         if problem.reference.quaternions is not None:
             level = axes_of_n(problem, problem.prior.start, t)[:, :, :2].reshape(t.size, -1)
-            every = np.ones(level.shape[1])
-            quantities[FIELD] = Basis(level.__getitem__, every, apart=every > 0.0)
+            quantities[FIELD] = Basis(level.__getitem__, np.ones(level.shape[1]), apart=True)
         values = {name: basis.of(some(t.size)) for name, basis in quantities.items()}
         for owner, (group, rows, names) in _SENSORS.items():
             if group not in problem.layout:

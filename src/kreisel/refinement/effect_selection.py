@@ -28,7 +28,7 @@ from kreisel.model.parameters import GROUPS, POSE_GROUPS, ROBOT_GROUPS
 from kreisel.model.problem import Problem, usual_covariance, with_groups, with_nominal, without_groups
 from kreisel.progress import StepProgress
 from kreisel.refinement.correlated_innovations import correlation_factor
-from kreisel.refinement.named_terms import OFFSET_OF, named_terms
+from kreisel.refinement.named_terms import OFFSET_OF, has_offsets, named_terms
 from kreisel.tasks import Executor, sequential
 
 UNLIKELY_ODDS, LIKELY_ODDS, EXPECTED_ODDS = 1e-3, 1.0, 20.0
@@ -73,15 +73,10 @@ def candidates(problem: Problem) -> tuple[str, ...]:
         possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
         possible &= group != "gyro_cubic" or "gyro_polynomial" not in problem.layout or order < CUBES
         possible &= group != "robot_zeros" or problem.joints > _JOINTS_OF_FRAMES
-        possible &= group not in EFFECTS or _has_offset(problem, OFFSET_OF[EFFECTS[group].sensor])
+        possible &= group not in EFFECTS or has_offsets(problem, OFFSET_OF[EFFECTS[group].sensor])
         if possible and group not in problem.layout and group not in problem.settings.fixed:
             out.append(group)
     return tuple(group for group in GROUPS if group in out)
-
-
-def _has_offset(problem: Problem, group: str) -> bool:
-    """Return whether all offsets of a sensor are estimated; what is added to known ones has no slope in a fit."""
-    return group in problem.layout and problem.layout.present(group).size == problem.layout.whole(group)
 
 
 def _temperature_changes(problem: Problem) -> bool:

@@ -62,6 +62,11 @@ def named_terms(problem: Problem, run: Fit, groups: tuple[str, ...]) -> tuple[Te
     return terms, combined
 
 
+def has_offsets(problem: Problem, group: str) -> bool:
+    """Return whether all offsets of a sensor are estimated; what is added to known ones has no slope in a fit."""
+    return group in problem.layout and problem.layout.present(group).size == problem.layout.whole(group)
+
+
 def axes_in_r(problem: Problem, run: Fit) -> Array:
     """Return what a unit of each accelerometer's reading is in r, in the middle between two updates, (u, 3, 3)."""
     updates, given = problem.schedule.updates, problem.reference.quaternions
@@ -90,7 +95,7 @@ def _of_poses(problem: Problem, run: Fit, groups: tuple[str, ...]) -> Iterator[t
 def _over_updates(problem: Problem, sizes: dict[str, int]) -> tuple[Array, Array]:
     """Return features of effects (u, k), on average since the update before, and their moments (u, k)."""
     updates, readings = problem.schedule.updates, problem.sensor.readings
-    first, last = (np.array([getattr(update, name) for update in updates]) for name in ("first", "last"))
+    first, last = problem.schedule.samples
     counts = [sum(len(EFFECTS[g].places(sizes[g])) for g in groups_of(sizes, sensor)) for sensor in OFFSET_OF]
     integrals, weighted = np.zeros((len(updates), sum(counts))), np.zeros((len(updates), counts[1]))
     for chunk in readings.raw_chunks():

@@ -51,15 +51,15 @@ class Basis:
         Their degrees, which say how large they may be.
     last : (k,)
         Those that the next degree of their kind would follow, if series had no end; the highest degree if None.
-    apart : (k,)
-        Those that are no error of axes or offsets, though over a recording they may look like one: nothing is taken out
-        of them. None if there are none.
+    apart
+        Whether they are no error of axes or offsets, though over a recording they may look like one: nothing is taken
+        out of them.
     """
 
     of: Callable[[Indices], Array]
     degree: Array
     last: Mask | None = None
-    apart: Mask | None = None
+    apart: bool = False
 
     @property
     def ends(self) -> Mask:
@@ -139,9 +139,7 @@ class Usual:
     def without(self, basis: Basis, values: Array | None = None) -> Functions:
         """Return functions without what the usual model has; values: theirs at `some` samples, if they are known."""
         values = basis.of(some(self.count)) if values is None else values
-        share = self._inverse @ values
-        if basis.apart is not None:
-            share[:, basis.apart] = 0.0
+        share = np.zeros((self._columns.shape[1], values.shape[1])) if basis.apart else self._inverse @ values
         rms = np.sqrt(np.mean((values - self._columns @ share) ** 2, axis=0))
         kept = np.flatnonzero(rms > _LEAST * np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
         return Functions(basis.of, self.of, share, rms[kept], basis.degree[kept], basis.ends[kept], kept)
@@ -186,12 +184,12 @@ def ends_of_range(own: Array) -> Basis:
         beyond = (np.maximum(x - largest + margin, 0.0), np.minimum(x - least - margin, 0.0))
         return np.stack(beyond, axis=2).reshape(which.size, -1)
 
-    return Basis(values, np.ones(2 * own.shape[1]), apart=np.ones(2 * own.shape[1], dtype=bool))
+    return Basis(values, np.ones(2 * own.shape[1]), apart=True)
 
 
 def signs(own: Array) -> Basis:
     """Return the signs of own readings (n, 3), axis by axis: what is truncated to zero lacks half a step."""
-    return Basis(lambda which: np.sign(own[which]), np.ones(own.shape[1]), apart=np.ones(own.shape[1], dtype=bool))
+    return Basis(lambda which: np.sign(own[which]), np.ones(own.shape[1]), apart=True)
 
 
 def in_steps(readings: Array) -> bool:
