@@ -186,3 +186,8 @@ EXPORTED int KREISEL(read_rows)(
     found[1] = odd.count;
     return DONE;
 }
+
+EXPORTED int KREISEL(write_rows)(ConstTable values, WrittenBytes text, WrittenIndices found) {
+    found[0] = write_rows(values, text);
+    return DONE;
+}

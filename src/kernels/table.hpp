@@ -1,6 +1,9 @@
 /// Tables of numbers, as text: rows of decimal numbers between commas.
 #pragma once
 
+#include <cmath>
+#include <cstdio>
+
 #include "arrays.hpp"
 
 namespace {
@@ -11,6 +14,11 @@ struct Bytes {
     Index count;
 
     std::uint8_t operator[](Index i) const { return data[i]; }
+};
+
+struct WrittenBytes {
+    std::uint8_t *data;
+    Index count;
 };
 
 constexpr double POWERS_OF_TEN[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
@@ -196,6 +204,98 @@ inline Index read_rows(Bytes text, WrittenIndices stamps, Table values, OddCells
         row++;
     }
     return row;
+}
+
+constexpr int WRITTEN = 9;  ///< significant digits that are written
+
+/// A number's first digits, as a whole number from 1e8 on, and the power of ten of the first one.
+struct Digits {
+    std::uint64_t whole;
+    int exponent;
+};
+
+/// The digits of a finite number above zero, rounded to nearest and even.
+inline Digits digits_of(double number) {
+    constexpr double FIRST = 1e8;
+    constexpr double UNSURE = 1e-6;  // the product is right to 1.2e-7
+    constexpr int LAST_EXACT = 22;   // powers of ten up to here are numbers of 53 bits
+    int exponent = static_cast<int>(std::floor(std::log10(number)));
+    const auto scaled = [&] {
+        const int up = WRITTEN - 1 - exponent;
+        return up < 0 ? number / POWERS_OF_TEN[-up] : number * POWERS_OF_TEN[up];
+    };
+    if (std::abs(WRITTEN - 1 - exponent) < LAST_EXACT) {
+        double whole = scaled();
+        if (whole < FIRST) exponent--, whole = scaled();
+        if (whole >= 10.0 * FIRST) exponent++, whole = scaled();
+        const std::uint64_t below = static_cast<std::uint64_t>(whole);
+        const double rest = whole - static_cast<double>(below);
+        if (whole >= FIRST && std::abs(rest - 0.5) > UNSURE) {
+            const std::uint64_t rounded = below + (rest > 0.5 ? 1 : 0);
+            return rounded < 1000000000u ? Digits{rounded, exponent} : Digits{100000000u, exponent + 1};
+        }
+    }
+    char text[32];
+    std::snprintf(text, sizeof text, "%.*e", WRITTEN - 1, number);
+    Digits found = {0, 0};
+    const char *at = text;
+    for (; *at != 'e'; at++) {
+        if (*at >= '0' && *at <= '9') found.whole = 10 * found.whole + static_cast<std::uint64_t>(*at - '0');
+    }
+    const bool down = at[1] == '-';
+    for (at += 2; *at; at++) found.exponent = 10 * found.exponent + (*at - '0');
+    if (down) found.exponent = -found.exponent;
+    return found;
+}
+
+/// Write a number as the format %.9g does, and return where its text ends.
+inline std::uint8_t *write_number(double number, std::uint8_t *out) {
+    const auto words = [&out](const char *text) {
+        while (*text) *out++ = static_cast<std::uint8_t>(*text++);
+        return out;
+    };
+    if (std::isnan(number)) return words("nan");
+    if (std::signbit(number)) *out++ = '-';
+    if (std::isinf(number)) return words("inf");
+    if (number == 0.0) return words("0");
+    Digits found = digits_of(std::abs(number));
+    const int exponent = found.exponent;
+    std::uint8_t digits[WRITTEN];
+    int count = WRITTEN;
+    for (int i = WRITTEN - 1; i >= 0; i--) digits[i] = static_cast<std::uint8_t>('0' + found.whole % 10), found.whole /= 10;
+    while (count > 1 && digits[count - 1] == '0') count--;
+    if (exponent >= -4 && exponent < 0) {
+        words("0.");
+        for (int i = -1; i > exponent; i--) *out++ = '0';
+        for (int i = 0; i < count; i++) *out++ = digits[i];
+        return out;
+    }
+    const bool powers = exponent < -4 || exponent >= WRITTEN;
+    const int before = powers ? 1 : exponent + 1;
+    for (int i = 0; i < before; i++) *out++ = i < count ? digits[i] : '0';
+    if (count > before) *out++ = '.';
+    for (int i = before; i < count; i++) *out++ = digits[i];
+    if (powers) {
+        const int size = exponent < 0 ? -exponent : exponent;
+        words(exponent < 0 ? "e-" : "e+");
+        if (size >= 100) *out++ = static_cast<std::uint8_t>('0' + size / 100);
+        *out++ = static_cast<std::uint8_t>('0' + size / 10 % 10);
+        *out++ = static_cast<std::uint8_t>('0' + size % 10);
+    }
+    return out;
+}
+
+/// Write rows of numbers between commas into a text with room for 17 characters a number: a sign, a point, the digits, an
+/// exponent and what ends it. Returns how many characters there are.
+inline Index write_rows(ConstTable values, WrittenBytes text) {
+    std::uint8_t *at = text.data;
+    for (Index row = 0; row < values.rows; row++) {
+        for (Index column = 0; column < values.columns; column++) {
+            at = write_number(values(row, column), at);
+            *at++ = column + 1 < values.columns ? ',' : '\n';
+        }
+    }
+    return at - text.data;
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-"""Rows of decimal numbers between commas, read from text."""
+"""Rows of decimal numbers between commas, from text and to text."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ _ODD = 1000
 """Cells of one call that are left to `float`. Chosen: plain tables have none or a few of them; a call with more returns
 None, and the table is read by other means."""
 
+_LONGEST = 17
+"""Characters of a number of nine digits at most, and the one after it."""
+
 _read_rows = function("read_rows", BytesView, IndicesView, TableView, IndexTableView, IndicesView)
+_write_rows = function("write_rows", TableView, BytesView, IndicesView)
 
 
 def read_rows(text: bytes, stamps: Indices, values: Array) -> int | None:
@@ -57,3 +61,10 @@ def read_rows(text: bytes, stamps: Indices, values: Array) -> int | None:
         except ValueError:
             return None
     return int(found[0])
+
+
+def write_rows(values: Array) -> bytes:
+    """Return lines of numbers (rows, columns), each as the format `%.9g` writes it."""
+    text, found = np.empty(_LONGEST * values.size, dtype=np.uint8), np.zeros(1, dtype=np.int64)
+    _write_rows(np.ascontiguousarray(values, dtype=float), text, found)
+    return text[: found[0]].tobytes()

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from kreisel._kernels.decimal_rows import write_rows
 from kreisel.calibration.array_checks import elapsed_seconds, temperature_difference_of, triads
 from kreisel.calibration.data_sheet import QUANTITIES, derive, of_parameters
 from kreisel.calibration.device_axes import NAMES, check_axes, clean, device_triads, expressed, with_vector
@@ -204,14 +205,8 @@ class Calibration(CalibrationParts):
         if self.robot_urdf is not None:
             (folder / "robot_calibrated.urdf").write_text(self.robot_urdf, encoding="utf-8")
         header = ["time [s]", *self.names, *(f"sd {name}" for name in self.names)]
-        np.savetxt(
-            folder / "estimates.csv",
-            self.estimates,
-            delimiter=",",
-            header=",".join(f'"{h}"' for h in header),
-            comments="",
-            fmt="%.9g",
-        )
+        heads = ",".join(f'"{name}"' for name in header)
+        (folder / "estimates.csv").write_bytes(heads.encode() + b"\n" + write_rows(self.estimates))
 
     @classmethod
     def load(cls, path: str | Path) -> Calibration:
