@@ -239,7 +239,8 @@ class DiscrepancyTerms:
         for columns in usual.values():
             columns *= t.size**0.5 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         known = {owner: Usual(columns.__getitem__, t.size) for owner, columns in usual.items()}
-        drifting = {owner: replace(one, slow=cosines(t, np.arange(2 * WAVES + 1))) for owner, one in known.items()}
+        slow = np.linalg.qr(cosines(t, np.arange(2 * WAVES + 1))(some(t.size)))[0]
+        drifting = {owner: replace(one, slow=slow) for owner, one in known.items()}
         memories = [remembered(np.abs(values)) for values in (rates, forces)]
         quantities = {
             "rate": polynomials(rates.__getitem__, t.size, 3, 6),

@@ -58,18 +58,24 @@ class SampleGroups:
 
     def mean(self, functions: Callable[[Indices], Array], first: Indices, last: Indices) -> Array:
         """Return the means of functions from samples `first` to `last`, (u, k)."""
-        edges = np.append(self.begin, self.samples).astype(float)
-        sums = np.zeros((self.count + 1, functions(np.zeros(1, dtype=np.int64)).shape[1]))
+        edges = np.append(self.begin, self.samples)
+        widths = np.diff(edges)[:, None]
+        groups = [np.minimum(np.searchsorted(edges, at, side="right") - 1, self.count - 1) for at in (first, last)]
+        marks = np.union1d(*groups)
+        at_marks = functions(marks)
+        sums = np.zeros((marks.size + 1, at_marks.shape[1]))  # over the groups before each mark, from the mark before
         for block in blocks(self.count):
-            added = functions(block) * np.diff(edges)[block, None]
-            sums[block + 1] = sums[block[0]] + np.cumsum(added, axis=0)
+            begin, end = np.searchsorted(marks, (block[0] + 1, block[-1] + 1))
+            starts = np.append(0, marks[begin:end] - block[0])
+            sums[begin : end + 1] += np.add.reduceat(functions(block) * widths[block], starts, axis=0)
+        sums = np.cumsum(sums, axis=0)
 
-        def until(sample: Indices) -> Array:
-            at = np.minimum(np.searchsorted(edges, sample, side="right") - 1, self.count - 1)
-            share = (sample - edges[at]) / (edges[at + 1] - edges[at])
-            return sums[at] + share[:, None] * (sums[at + 1] - sums[at])
+        def until(sample: Indices, group: Indices) -> Array:
+            mark = np.searchsorted(marks, group)
+            return np.asarray(sums[mark] + (sample - edges[group])[:, None] * at_marks[mark])
 
-        return np.asarray((until(last) - until(first)) / np.maximum(last - first, 1)[:, None])
+        before, after = until(first, groups[0]), until(last, groups[1])
+        return np.asarray((after - before) / np.maximum(last - first, 1)[:, None])
 
     def at_samples(self, values: Array) -> Array:
         """Return values (g, k) of the groups between their middles, (n, k)."""

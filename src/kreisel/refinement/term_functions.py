@@ -115,13 +115,13 @@ class Usual:
     count
         Number of samples.
     slow
-        From indices of samples to slow waves (n, k) with which functions have something in common by chance alone: of
-        them a constant is taken out, and what they share with faster changes.
+        Slow waves at `some` samples, orthonormal, (m, k), with which functions have something in common by chance
+        alone: of them a constant is taken out, and what they share with faster changes.
     """
 
     of: Callable[[Indices], Array]
     count: int
-    slow: Callable[[Indices], Array] | None = None
+    slow: Array | None = None
 
     @cached_property
     def _columns(self) -> Array:
@@ -131,8 +131,7 @@ class Usual:
     def _inverse(self) -> Array:
         columns = self._columns
         if self.slow is not None:
-            drifts = np.linalg.qr(self.slow(some(self.count)))[0]
-            columns = columns - drifts @ (drifts.T @ columns)
+            columns = columns - self.slow @ (self.slow.T @ columns)
             columns[:, 0] = self._columns[:, 0]
         return np.asarray(np.linalg.pinv(columns, rcond=1e-9))
 
@@ -147,7 +146,8 @@ class Usual:
 
 def some(count: int) -> Indices:
     """Return evenly spread numbers below `count`, enough for a mean."""
-    return np.unique(np.linspace(0, count - 1, min(count, _ENOUGH)).astype(np.int64))
+    chosen = min(count, _ENOUGH)
+    return np.arange(chosen) * (count - 1) // max(chosen - 1, 1)
 
 
 def polynomials(of: Callable[[Indices], Array], count: int, degree: int, alone: int = 0) -> Basis:
