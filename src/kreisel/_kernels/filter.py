@@ -33,7 +33,7 @@ check_count("rates", _RATES)
 
 _run = function(
     "run", Pointer(Model, keep=True), Pointer(Samples), Pointer(Steps), ctypes.c_int64, ctypes.c_int64, Pointer(Gate),
-    Pointer(Gaussian), Pointer(Record), IndicesView,
+    Pointer(Gaussian), Pointer(Record, keep=True), IndicesView,
 )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.preflight import CHECKED, approach_share
 from kreisel.errors import RobotError, SettingsError
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.robot.description import Arm
 from kreisel.robot.kinematics import poses, skeleton
 from kreisel.robot.program import Program
@@ -105,9 +106,9 @@ def tool_peak(arm: Arm, mover: Mover, start: Array, target: Array, share: float)
     if not np.any(way):
         return 0.0
     path = _path(start, target)
-    lengths = np.linalg.norm(np.diff(poses(arm, path)[0], axis=0), axis=1)
+    steps = lengths(np.diff(poses(arm, path)[0], axis=0))
     peak = float(np.max(np.abs(mover.peaks(way, share, arm.velocity)[0])))
-    return float(np.max(lengths)) * (len(path) - 1) * peak / float(np.max(np.abs(way)))
+    return float(np.max(steps)) * (len(path) - 1) * peak / float(np.max(np.abs(way)))
 
 
 def check_room(arm: Arm, program: Program, room: Room) -> str:

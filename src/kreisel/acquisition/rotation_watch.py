@@ -13,6 +13,7 @@ from itertools import takewhile
 import numpy as np
 
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.robot.description import Arm
 from kreisel.robot.kinematics import poses
 
@@ -174,7 +175,7 @@ class RotationWatch:
             pieces.setdefault(int((now - at) / _SHORT), []).append(rate)
         means = np.array([np.mean(rates, axis=0) for rates in pieces.values() if len(rates) > 1]).reshape(-1, 3)
         offset = self._offset if self._offset is not None else means.mean(axis=0) if len(means) else np.zeros(3)
-        return bool(np.all(np.linalg.norm(means - offset, axis=1) < QUIET))
+        return bool(np.all(lengths(means - offset) < QUIET))
 
     def mean_speed(self, now_ns: int, seconds: float) -> float:
         """Return the mean length of the rates of the last seconds, rad/s; 0 without fresh readings or an offset."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.errors import RecordingError
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.counts import Counts
 from kreisel.recording.header import NO_UNITS
 from kreisel.recording.recording import ImuSamples
@@ -53,7 +54,7 @@ def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False, counts
         samples = replace(samples, units=NO_UNITS) if samples.units.counted("acceleration") else samples
     else:
         rates, accelerations = counts.in_si(samples.rates, samples.accelerations)
-        length = float(np.median(np.linalg.norm(accelerations, axis=1)))
+        length = float(np.median(lengths(accelerations)))
         if not 0.4 < length / STANDARD_GRAVITY < 2.5:
             raise RecordingError(
                 f"the calibration is one of raw counts, by which these accelerations are {length:.3g} m/s^2: give the "
@@ -75,7 +76,7 @@ def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False, counts
                 f"nanoseconds? State their unit, as in #timestamp [us]{REMEDY}",
                 file=samples.source,
             )
-    usual = float(np.percentile(np.linalg.norm(samples.rates, axis=1), 99.0))
+    usual = float(np.percentile(lengths(samples.rates), 99.0))
     if usual > FASTEST:
         raise RecordingError(
             f"rates of {usual:.4g} rad/s: are they in deg/s? State the unit in the header, or after the columns"

@@ -17,6 +17,7 @@ import numpy as np
 
 from kreisel.array.hand_motion import HandMotion
 from kreisel.geometry.rotation import Array, exp, matrix
+from kreisel.geometry.vectors import lengths
 
 _JERK, _ANGULAR_JERK = 5e3, 6e4
 """m/s^3 and rad/s^3: usual sizes of what changes within a sample, as a prior. Chosen: those of the quickest shaking by
@@ -287,7 +288,7 @@ def _differences(motion: HandMotion) -> Array:
 
 def _own_moments(motion: HandMotion) -> tuple[float, float]:
     """Return the noise of differences of rates, rad/s, and by how much moments of reading differ, s (deviations)."""
-    d, size = _differences(motion), np.linalg.norm(motion.slope, axis=1)
+    d, size = _differences(motion), lengths(motion.slope)
     along = np.einsum("kmj,mj->km", d, motion.slope) / np.maximum(size, 1e-12)
     low, high = np.quantile(size, [0.25, 0.75])
     # across the angular acceleration there is noise alone

@@ -14,6 +14,7 @@ from kreisel.array.sudden_change import SuddenChange, sudden_change
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, Mask, nearest_rotation
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.slopes import local_cubics, usual_interval
 from kreisel.recording.recording import ImuSamples
@@ -112,7 +113,7 @@ def hand_motion(
     parts = [resampled(imu, clock, times) for imu, clock in zip(ready, found, strict=True)]
     known = np.logical_and.reduce([_within(imus, found, unclipped, times), *(part.known for part in parts)])
     base = parts[0].rates
-    size = np.linalg.norm(base, axis=1)
+    size = lengths(base)
     moving = known & (size > _MOVING * float(np.percentile(size, 99)))
     if int(moving.sum()) < _FEWEST:
         raise RecordingError(

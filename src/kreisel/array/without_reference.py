@@ -19,6 +19,7 @@ from kreisel.array.unit_clock import BASES, clock_of
 from kreisel.calibration.result import Calibration
 from kreisel.errors import KreiselError, RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.noise_figures import high_frequency_density
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.progress import Progress
@@ -178,8 +179,8 @@ def rest_rotations(
             continue
         base, own = of_base[there], _means(member.calibration, imu, begin[there], end[there])
         C = nearest_rotation(base.T @ own)
-        u = base / np.linalg.norm(base, axis=1)[:, None]
-        left = (base - own @ C.T) / np.linalg.norm(base, axis=1)[:, None]
+        u = base / lengths(base)[:, None]
+        left = (base - own @ C.T) / lengths(base)[:, None]
         variance = float(np.sum(left**2)) / (2.0 * len(u) - 3.0)
         information = len(u) * np.eye(3) - u.T @ u
         out[k] = (

@@ -10,6 +10,7 @@ from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause
 from kreisel.estimation.consistency import MAX_REJECTED_IN_A_ROW
 from kreisel.geometry.rotation import Array, Mask
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.noise_figures import coarse_step
 from kreisel.model.considered_terms import describe
 from kreisel.model.problem import Problem
@@ -246,9 +247,9 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
     reference, history = estimate.problem.reference, estimate.run.history
     positions = reference.positions
     if positions is not None:
-        step = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+        step = lengths(np.diff(positions, axis=0))
         usual = 0.3 * float(np.percentile(step, 75))
-        moved = np.linalg.norm(positions[2 * _NEAR :] - positions[: -2 * _NEAR], axis=1) > 2 * _NEAR * usual
+        moved = lengths(positions[2 * _NEAR :] - positions[: -2 * _NEAR]) > 2 * _NEAR * usual
         held = float(np.mean((step[_NEAR : step.size + 1 - _NEAR] == 0.0) & moved))
         if held > _REPEATED:
             return "held poses", f"{100.0 * held:.0f} % of the poses repeat the one before"
@@ -276,7 +277,7 @@ def lasting_runs(marked: Mask) -> Mask:
 def _of_readings(estimate: Estimate) -> tuple[str, str]:
     """Return what makes the readings noisy."""
     readings = estimate.problem.sensor.readings
-    rate = np.linalg.norm(readings.rates[:_EXCERPT], axis=1)
+    rate = lengths(readings.rates[:_EXCERPT])
     moving = rate[1:] > 0.2 * float(np.percentile(rate, 95))  # at rest, readings of few digits repeat
     for values in (readings.rates, readings.accelerations):
         same = np.all(np.diff(values[:_EXCERPT], axis=0) == 0.0, axis=1)

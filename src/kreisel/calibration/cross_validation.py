@@ -10,12 +10,11 @@ from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
-import numpy as np
-
 from kreisel.calibration.evidence import CrossValidation, Drift
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.partition import nearest_end
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.model.layout import without
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, part_of
@@ -75,6 +74,6 @@ def _drift(run: Fit) -> Drift:
     path[:2] = False  # navigation has just started
     return Drift(
         h.seconds[path],
-        np.linalg.norm(h.innovation[path, 0:3], axis=1),
-        np.linalg.norm(h.innovation[path, 3:6], axis=1),
+        lengths(h.innovation[path, 0:3]),
+        lengths(h.innovation[path, 3:6]),
     )

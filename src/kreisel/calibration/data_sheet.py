@@ -14,6 +14,7 @@ import numpy as np
 
 from kreisel.calibration.result_sections import Measured
 from kreisel.geometry.rotation import Array, from_matrix, log, nearest_rotation
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, PPM
 
@@ -31,7 +32,7 @@ _STEP = 1e-6
 def sensitivity(K: Array) -> tuple[Array, Array]:
     """Return scale factors (..., 3) and unit sensitive axes (..., 3, 3; rows, in b) of cross-coupling matrices."""
     rows = np.linalg.inv(K)
-    scale = np.linalg.norm(rows, axis=-1)
+    scale = lengths(rows)
     return scale, rows / scale[..., None]
 
 
@@ -56,7 +57,7 @@ def gyro_to_accel(K_omega: Array, K_a: Array) -> Array:
 
 def distances(lever_arms: Array) -> Array:
     """Return the distances between the accelerometers xy, xz, yz, (..., 3), m."""
-    return np.linalg.norm(lever_arms[..., _FIRST, :] - lever_arms[..., _SECOND, :], axis=-1)
+    return lengths(lever_arms[..., _FIRST, :] - lever_arms[..., _SECOND, :])
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from kreisel.calibration.lack_of_fit import larger_deviations, within_subsets
 from kreisel.estimation.consistency import chi_square_bound
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.fitting.blocks import Blocks
 from kreisel.geometry.rotation import Array, Indices, Mask
+from kreisel.geometry.vectors import lengths, mean_row
 from kreisel.inertial.readings import Readings
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import PASSING_GROUPS, SENSOR_GROUPS
@@ -58,11 +58,11 @@ def quantities(problem: Problem, ends: Indices) -> dict[str, Array]:
 def _of_readings(readings: Readings, samples: list[slice]) -> dict[str, Array]:
     """Return the quantities that the readings of parts show."""
     rates, forces = [readings.rates[own] for own in samples], [readings.accelerations[own] for own in samples]
-    turned = np.array([rate.sum(axis=0) / max(float(np.abs(rate).sum()), 1e-12) for rate in rates])
-    upward = np.array([force.mean(axis=0) for force in forces])
+    turned = np.array([mean_row(rate) * len(rate) / max(float(np.abs(rate).sum()), 1e-12) for rate in rates])
+    upward = np.array([mean_row(force) for force in forces])
     out = {
-        "speed": np.array([np.sqrt(np.mean(np.sum(rate**2, axis=1))) for rate in rates]),
-        "force": np.array([np.std(np.linalg.norm(force, axis=1) / STANDARD_GRAVITY) for force in forces]),
+        "speed": np.array([np.sqrt(np.vdot(rate, rate) / len(rate)) for rate in rates]),
+        "force": np.array([np.std(lengths(force)) for force in forces]) / STANDARD_GRAVITY,
     }
     for i, axis in enumerate(_AXES):
         out[f"gravity along {axis}"] = upward[:, i]
@@ -88,8 +88,9 @@ def compare_splits(found: Estimate, lack: LackOfFit | None) -> tuple[tuple[Split
     problem, constant = found.problem, lack.blocks.parameters
     factor = found.run.belief.factor[constant]
     P, out = factor @ factor.T, []
+    weight = np.einsum("ij,bji->b", P, lack.blocks.information)
     for name, value in quantities(problem, lack.blocks.ends).items():
-        subset = _upper_half(value, lack.blocks, P)
+        subset = _upper_half(value, weight)
         if min(int(subset.sum()), int((~subset).sum())) < _MIN_PARTS:
             continue
         larger = larger_deviations(found, lack, within_subsets(lack, subset))
@@ -101,10 +102,10 @@ def compare_splits(found: Estimate, lack: LackOfFit | None) -> tuple[tuple[Split
     return tuple(sorted(out, key=lambda one: one[0].limit - one[0].size))
 
 
-def _upper_half(value: Array, blocks: Blocks, P: Array) -> Mask:
-    """Return the parts with the larger values of a quantity, (B,), that have about half of the information."""
+def _upper_half(value: Array, weight: Array) -> Mask:
+    """Return the parts with the larger values of a quantity that have about half of the weight; all are (B,)."""
     order = np.argsort(value, kind="stable")
-    share = np.cumsum(np.einsum("ij,bji->b", P, blocks.information)[order])
+    share = np.cumsum(weight[order])
     out = np.zeros(value.size, dtype=bool)
     out[order[share > 0.5 * share[-1]]] = True
     return out

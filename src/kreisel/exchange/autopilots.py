@@ -19,6 +19,7 @@ from kreisel.exchange.imported import imported
 from kreisel.exchange.losses import losses, without_effects_of
 from kreisel.files import read_text
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.sensor_model import SensorParameters
 
 _FLOAT = 9
@@ -33,7 +34,7 @@ PX4_SCALES = (0.1, 3.0)
 
 def _held(full: SensorParameters) -> SensorParameters:
     """Return offset and scale along each sensitive axis, for the axes of the sensor itself."""
-    scale = 1.0 / np.linalg.norm(np.linalg.inv(full.K_a), axis=1) * np.sign(np.diag(full.K_a))
+    scale = 1.0 / lengths(np.linalg.inv(full.K_a)) * np.sign(np.diag(full.K_a))
     plain = without_effects_of(full)
     return replace(plain, K_omega=np.eye(3), K_a=np.diag(scale), lever_arms=np.zeros((3, 3)))
 

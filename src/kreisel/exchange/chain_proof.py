@@ -26,6 +26,7 @@ from kreisel.exchange.kalibr_model import (
     uncoupled,
 )
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.sensor_model import size_effect
 from kreisel.units import DEG, STANDARD_GRAVITY
 
@@ -238,8 +239,8 @@ def _bounds(base: _Imu, imu: _Imu, offset: float) -> tuple[float, float]:
     readings; stamps have a last digit.
     """
     omega, alpha, force = _motion(_TIMES)
-    field = float((np.linalg.norm(alpha, axis=1) + np.linalg.norm(omega, axis=1) ** 2).max())
-    arms = max(float(np.linalg.norm(one.model.arms, axis=1).max()) for one in (base, imu))
+    field = float((lengths(alpha) + lengths(omega) ** 2).max())
+    arms = max(float(lengths(one.model.arms).max()) for one in (base, imu))
     rate_error, force_error = RATE_FLOOR, FORCE_FLOOR
     for model in (base.model, imu.model):
         own = float(np.linalg.norm(inverse(model.M_a), 2)) * uncoupled(model) * field
@@ -248,7 +249,7 @@ def _bounds(base: _Imu, imu: _Imu, offset: float) -> tuple[float, float]:
         rate_error += felt * (np.sqrt(3.0) * arms * field + own)
     fastest = 4.5 * float(_FREQUENCY.max())  # of products: a derivative is at most so many times as large
     span = float(np.linalg.norm(imu.r_b)) + 2.0 * arms
-    largest = float(np.linalg.norm(omega, axis=1).max())
+    largest = float(lengths(omega).max())
     digit = 2.0 * float(np.spacing(abs(offset) + _TIMES[-1]))
     sheer = fastest * float(np.abs(force).max() + field * (span + _TOOL))
     rate_error += digit * fastest * largest

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.geometry.rotation import Array, skew
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.effects import OF_CHANGE, RawReadings, added
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.groups import group_named
@@ -83,7 +84,7 @@ def without_effects_of(p: SensorParameters) -> SensorParameters:
 def _matrix(ratio: Array) -> tuple[float, float]:
     """Return the largest error of scale, and of direction (rad), of a matrix that should be the identity."""
     error = ratio - np.eye(3)
-    return _largest(np.diag(error)), float(np.linalg.norm(error - np.diag(np.diag(error)), axis=1).max())
+    return _largest(np.diag(error)), float(lengths(error - np.diag(np.diag(error))).max())
 
 
 def _arms(full: SensorParameters, held: SensorParameters) -> list[str]:
@@ -96,7 +97,7 @@ def _arms(full: SensorParameters, held: SensorParameters) -> list[str]:
     if max(turning, speeding) < _SMALLEST_MG:
         return []
     return [
-        f"the positions of the accelerometers (up to {1e3 * float(np.linalg.norm(wrong, axis=1).max()):.3g} mm): "
+        f"the positions of the accelerometers (up to {1e3 * float(lengths(wrong).max()):.3g} mm): "
         f"{turning:.3g} mg at 100 deg/s, {speeding:.3g} mg at 10 rad/s^2"
     ]
 

@@ -13,6 +13,7 @@ from kreisel.formats.mapping import parse_time
 from kreisel.formats.rotation_forms import quaternions_of
 from kreisel.formats.sheet import Sheet
 from kreisel.geometry.rotation import Array, apply, nearest_rotation
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.readings import Readings
 from kreisel.recording.recording import ImuSamples, ReferencePoses, Stamps
 from kreisel.synchronization.clock import Clock
@@ -111,7 +112,7 @@ def thinned_poses(
             q = quaternions_of(orientation[0], values[:, :width])
         except KreiselError:  # no rotations
             return None
-        length = np.linalg.norm(q, axis=1)
+        length = lengths(q)
         good = (length > 0.5) & (length < 2.0)
         stamps, values, q = stamps[good], values[good], (q / np.maximum(length, 1e-9)[:, None])[good]
     if stamps.size < 20:
@@ -126,7 +127,7 @@ def _liveliest(stamps: Stamps, values: Array) -> slice:
     t = (stamps - stamps[0]) * 1e-9
     if t[-1] < 1.5 * _LONG:
         return slice(None)
-    way = np.append(0.0, np.cumsum(np.minimum(np.linalg.norm(np.diff(values, axis=0), axis=1), 0.1)))
+    way = np.append(0.0, np.cumsum(np.minimum(lengths(np.diff(values, axis=0)), 0.1)))
     ends = np.searchsorted(t, t + _LONG)
     inside = ends < t.size
     first = int(np.argmax(way[ends[inside]] - way[: ends.size][inside]))
@@ -176,7 +177,7 @@ def compare(imu: ImuSamples, poses: ReferencePoses, *, one_clock: bool) -> Fit:
             return NO_FIT
     mean = forces.mean(axis=0)
     length = float(np.linalg.norm(mean))
-    usual = float(np.linalg.norm(forces, axis=1).mean())
+    usual = float(lengths(forces).mean())
     if not np.isfinite([explained, determinant, length, usual]).all() or length == 0.0:
         return NO_FIT
     size = float(np.cbrt(abs(determinant)))

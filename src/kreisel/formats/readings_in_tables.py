@@ -14,6 +14,7 @@ from kreisel.formats.column_names import OF_A_REFERENCE, Group, groups_of, known
 from kreisel.formats.sheet import Sheet
 from kreisel.formats.time_columns import called
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.recording.header import UNITS
 from kreisel.units import DEG, STANDARD_GRAVITY
 
@@ -152,7 +153,7 @@ def gravity_units(sheets: Sequence[Sheet], group: Group, limits: tuple[float, fl
     """Return the unit in which three columns usually have the length of gravity; none where they do not."""
     values = numbers(sheets[group.sheet], group.places)
     values = values[np.isfinite(values).all(axis=1)]
-    length = np.linalg.norm(values, axis=1)
+    length = lengths(values)
     if length.size < 20:
         return []
     usual = float(np.median(length))
@@ -166,7 +167,7 @@ def _no_gravity(sheets: Sequence[Sheet], named: Sequence[Group], groups: Sequenc
     """Return the error for columns that are accelerations by their names alone."""
     group = named[0]
     sheet = sheets[group.sheet]
-    usual = float(np.nanmedian(np.linalg.norm(numbers(sheet, group.places), axis=1)))
+    usual = float(np.nanmedian(lengths(numbers(sheet, group.places))))
     found = [one for one in groups if one not in named and len(one.places) == 3
              and one.quantity not in ("position", "angle") and gravity_units(sheets, one, _UNNAMED)]  # fmt: skip
     others = (
@@ -294,7 +295,7 @@ def _readings(sheets: Sequence[Sheet], group: Group) -> Iterator[Attitude]:
     if len(values) < 20 or not np.ptp(values, axis=0).max() > 0.0:
         return
     if group.quantity == "quaternion":
-        length = np.linalg.norm(values, axis=1)
+        length = lengths(values)
         if np.percentile(np.abs(length[length > 0.5] - 1.0), 95) < _UNIT_LENGTH if (length > 0.5).any() else False:
             yield from _quaternions(group)
     elif group.quantity == "matrix":

@@ -12,6 +12,7 @@ from kreisel.errors import RecordingError
 from kreisel.formats.readings_in_tables import numbers, text_of
 from kreisel.formats.sheet import Sheet
 from kreisel.formats.time_columns import SLOWEST_IMU, times_of
+from kreisel.geometry.vectors import lengths
 from kreisel.units import STANDARD_GRAVITY
 
 _AXIS = re.compile(r"(?:.*[^a-z])?([xyz])(?:[^a-z].*)?")
@@ -90,5 +91,5 @@ def _triad(sheet: Sheet) -> _Triad | None:
 
 
 def _is_gravity(one: _Triad, unit: str) -> bool:
-    length = float(np.nanmedian(np.linalg.norm(numbers(one.sheet, one.places), axis=1)))
+    length = float(np.nanmedian(lengths(numbers(one.sheet, one.places))))
     return abs(length / _GRAVITY[unit] - 1.0) < _NEAR

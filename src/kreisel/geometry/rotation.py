@@ -7,6 +7,8 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kreisel.geometry.vectors import lengths
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -15,7 +17,7 @@ Mask = NDArray[np.bool_]
 def exp(theta: ArrayLike) -> Array:
     """Return the unit quaternions (..., 4) of the rotation vectors theta (..., 3), in rad."""
     theta = np.asarray(theta, dtype=float)
-    half = 0.5 * np.sqrt(np.sum(theta * theta, axis=-1, keepdims=True))
+    half = 0.5 * lengths(theta)[..., None]
     safe = np.where(half > 0.0, half, 1.0)
     ratio = np.where(half > 0.0, np.sin(half) / safe, 1.0)
     return np.concatenate([np.cos(half), 0.5 * ratio * theta], axis=-1)
@@ -25,7 +27,7 @@ def log(q: ArrayLike) -> Array:
     """Return the rotation vectors (..., 3) in rad, at most pi long, of the unit quaternions q (..., 4)."""
     q = np.asarray(q, dtype=float)
     vector = q[..., 1:]
-    length = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
+    length = lengths(vector)[..., None]
     scalar = q[..., :1]
     sign = np.where(scalar < 0.0, -1.0, 1.0)
     safe = np.where(length > 0.0, length, 1.0)
@@ -38,15 +40,12 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     aw, ax, ay, az = np.moveaxis(a, -1, 0)
     bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
-    )
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = aw * bw - ax * bx - ay * by - az * bz
+    out[..., 1] = aw * bx + ax * bw + ay * bz - az * by
+    out[..., 2] = aw * by - ax * bz + ay * bw + az * bx
+    out[..., 3] = aw * bz + ax * by - ay * bx + az * bw
+    return out
 
 
 def conjugate(q: ArrayLike) -> Array:

@@ -282,8 +282,9 @@ def coarse_step(values: Array) -> float:
     found = 0.0
     for axis in values.T:
         n = axis.size // _WINDOW * _WINDOW
-        equal = (np.diff(axis[: n + 1], append=axis[n - 1])[:n] == 0.0).reshape(-1, _WINDOW).mean(axis=1)
-        if equal.size and np.percentile(equal, _QUIETEST) > _EQUAL:
+        equal = np.flatnonzero(axis[1:n] == axis[: max(n - 1, 0)]) + 1
+        share = np.bincount(equal // _WINDOW, minlength=n // _WINDOW) / _WINDOW
+        if share.size and np.percentile(share, _QUIETEST) > _EQUAL:
             steps = np.diff(np.unique(axis))
             found = max(found, float(steps.min()) if steps.size else 0.0)
     return found

@@ -13,6 +13,7 @@ import numpy as np
 
 from kreisel.estimation.robust import cauchy_weights, vector_scale
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.reference_noise import white_noise
 from kreisel.synchronization.windows import variance_by_noise
@@ -96,7 +97,7 @@ def _fit(regressor: Array, reference: Array, gravity: float, noise: float = 0.0)
     weight, counted = np.ones(len(reference)), _CERTAIN * noise
     for _ in range(8):
         fit = _homogeneous(unknown, weight, gravity, counted)
-        size = np.linalg.norm(fit.left, axis=1)
+        size = lengths(fit.left)
         weight = cauchy_weights(size, 4.0 * vector_scale(size) + 1e-9)
         # large noise has small weight
         counted = _CERTAIN * noise * float(np.average(size**2, weights=weight)) / max(float(np.mean(size**2)), 1e-30)

@@ -14,6 +14,7 @@ import numpy as np
 from kreisel._kernels import unit_forces
 from kreisel.estimation.robust import cauchy_weights, vector_scale
 from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.preparation.preparation import AccelerationWindows, AccelerometerFit
 from kreisel.synchronization.fits import RateFit
@@ -147,7 +148,7 @@ def _solve(A: Array, target: Array, R: Array, g: Array, gravity: float) -> tuple
         normal = weighted @ A.reshape(-1, x.size) / (2.0 * variance) + precision
         right = weighted @ target.ravel() / (2.0 * variance) + precision @ prior
         x = np.linalg.solve(normal, right)
-        residual = np.linalg.norm(target - A @ x, axis=1)
+        residual = lengths(target - A @ x)
         variance = max(vector_scale(residual) ** 2, 1e-10)
         weight = cauchy_weights(residual, 4.0 * variance**0.5)
     return x, np.sqrt(np.diag(np.linalg.inv(normal))), float(np.sqrt(variance))

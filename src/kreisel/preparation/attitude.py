@@ -18,6 +18,7 @@ from kreisel.geometry.rotation import (
     multiply,
     nearest_rotation,
 )
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.preparation.preparation import AccelerometerFit, Preparation
 from kreisel.recording.recording import ReferencePoses
@@ -65,7 +66,7 @@ def reference_attitude(signal: InertialSignal, fit: RateFit, tau: Array, q: Arra
 def _unwrapped(theta: Array) -> Array:
     """Return rotation vectors without jumps of a full turn where their angle passes pi, up to 3.7 rad."""
     out = theta.copy()
-    for k in np.flatnonzero(np.linalg.norm(theta, axis=1) > 2.5):
+    for k in np.flatnonzero(lengths(theta) > 2.5):
         if k > 0 and np.linalg.norm(out[k] - out[k - 1]) > np.pi:
             angle = float(np.linalg.norm(out[k]))
             out[k] *= (angle - 2.0 * np.pi) / angle

@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.estimation.robust import vector_scale
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
 from kreisel.recording.recording import ReferencePoses
@@ -86,7 +87,7 @@ def white_noise(reference: ReferencePoses) -> tuple[float, float]:
             np.einsum("nj,njd->nd", weight, part) / np.sqrt(shared)[:, None]
             for weight, part in zip(weights, (values[:, :-1], values[:, 1:]), strict=True)
         )
-        difference, total = (vector_scale(np.linalg.norm(part, axis=1)) for part in (first - second, first + second))
+        difference, total = (vector_scale(lengths(part)) for part in (first - second, first + second))
         return 0.5 * max(difference**2 - total**2, 0.0) ** 0.5
 
     p, q = reference.positions, reference.quaternions

@@ -6,6 +6,7 @@ import numpy as np
 
 from kreisel.geometry.interpolation import continuous, running_mean
 from kreisel.geometry.rotation import Array, Mask
+from kreisel.geometry.vectors import lengths
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import ImuStillness, OutsideStandstill, Standstill
 from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, chunks
@@ -135,8 +136,8 @@ def _faster(x: Array, stride: int, width: int, span: Array, limit: tuple[float, 
         Error at standstill, and the speed that always counts as motion, whatever the noise of the values.
     """
     smooth = running_mean(x, width)
-    left = np.linalg.norm(x - smooth, axis=1)
+    left = lengths(x - smooth)
     quiet = float(np.percentile(running_mean(left[:, None] ** 2, stride), 10)) ** 0.5
     allowed = _CREEP * limit[0] + 4.0 * quiet * (2.0 / width) ** 0.5 / float(np.median(span))
-    speed = np.linalg.norm(smooth[stride:] - smooth[:-stride], axis=1) / span
+    speed = lengths(smooth[stride:] - smooth[:-stride]) / span
     return np.asarray(speed > min(allowed, limit[1]))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.recording.recording import ReferencePoses
 
 _SECONDS, _MIN_TURNS = 0.5, 40
@@ -35,9 +36,9 @@ def turning_axes(reference: ReferencePoses) -> Array:
     vectors, none = turns(reference), np.zeros((0, 3))
     if len(vectors) < _MIN_TURNS:
         return none
-    angle = np.linalg.norm(vectors, axis=1)
+    angle = lengths(vectors)
     vectors = vectors[angle > _LARGE * np.percentile(angle, 95.0)]
-    weight = np.linalg.norm(vectors, axis=1)
+    weight = lengths(vectors)
     directions, left, axes = vectors / weight[:, None], weight.copy(), []
     for _ in range(_MAX):
         near = np.abs(directions @ directions[int(np.argmax(left))]) > np.cos(_CONE)

@@ -11,6 +11,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.consistency import autocorrelation, chi_square_bound, mean_normalised, normalised_bounds
 from kreisel.fitting.update_history import History
 from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, log, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.sensor_model import correct_angular_rate
 from kreisel.inertial.strapdown import raw_readings, without_effects
 from kreisel.report.thinning import Curve, Envelope, Single, enveloped_axes, every, thinned, thinned_axes
@@ -315,7 +316,7 @@ def _rate_norms(outcome: Outcome, excerpt: slice) -> tuple[Curve, Curve]:
         t, readings.rates[excerpt], readings.accelerations[excerpt], temperature_difference=temperature_difference
     )
     omega = correct_angular_rate(without_effects(raw, s)[0], s)
-    gyro_rate = thinned(t, np.linalg.norm(omega, axis=1) / DEG)
+    gyro_rate = thinned(t, lengths(omega) / DEG)
     nothing = Curve(np.zeros(0, dtype=np.float32), np.zeros(0, dtype=np.float32))
     if reference.quaternions is None:
         return gyro_rate, nothing
@@ -329,7 +330,7 @@ def _rate_norms(outcome: Outcome, excerpt: slice) -> tuple[Curve, Curve]:
     turned = log(multiply(conjugate(q[:-stride]), q[stride:]))
     span = moment[stride:] - moment[:-stride]
     middle = 0.5 * (moment[stride:] + moment[:-stride])
-    return gyro_rate, thinned(middle, np.linalg.norm(turned, axis=1) / span / DEG)
+    return gyro_rate, thinned(middle, lengths(turned) / span / DEG)
 
 
 def _residuals(h: History) -> Residuals:

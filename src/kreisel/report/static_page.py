@@ -11,6 +11,7 @@ import numpy as np
 from kreisel.calibration.data_sheet import OF_A_REFERENCE, QUANTITIES
 from kreisel.calibration.result_sections import CalibrationParts
 from kreisel.geometry.rotation import Array, nearest_rotation
+from kreisel.geometry.vectors import lengths
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, number, pair
 from kreisel.report.plots import Figure
@@ -111,8 +112,8 @@ def _time(seconds: Array) -> dict[str, Any]:
 def _lengths(found: StaticEstimate) -> Figure:
     """Return by how much the force at each standstill differs from gravity in length, raw and calibrated."""
     rests, p = found.problem.rests, found.parameters
-    raw = np.linalg.norm(rests.forces, axis=1) - p.gravity
-    after = np.linalg.norm((rests.forces + p.sensors.k_a[0]) @ p.sensors.K_a.T, axis=1) - p.gravity
+    raw = lengths(rests.forces) - p.gravity
+    after = lengths((rests.forces + p.sensors.k_a[0]) @ p.sensors.K_a.T) - p.gravity
     traces = [
         plots.markers(rests.seconds, 1e3 * raw, "raw", "y", size=5),
         plots.markers(rests.seconds, 1e3 * after, "calibrated, offsets of the middle", "x", size=5),
@@ -131,7 +132,7 @@ def _turns(found: StaticEstimate) -> Figure:
 
     def missed(rotations: Array) -> Array:
         seen = np.einsum("mji,mj->mi", rotations, up[:-1])
-        return 1e3 * np.linalg.norm(np.cross(seen, up[1:]), axis=1)[at]
+        return 1e3 * lengths(np.cross(seen, up[1:]))[at]
 
     K = p.sensors.K_omega
     mount = nearest_rotation(np.sign(np.linalg.det(K)) * K)

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from kreisel.geometry.rotation import Array, conjugate, log, matrix, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm
 
@@ -154,7 +155,7 @@ class Agreement:
 def _motions(p_before: Array, q_before: Array, p: Array, q: Array) -> tuple[Array, Array]:
     """Return angles (n,), rad, and shifts along the axes (n,), m, of the motions from n poses to another one."""
     theta = log(multiply(conjugate(q_before), np.broadcast_to(q, q_before.shape)))
-    angle = np.linalg.norm(theta, axis=1)
+    angle = lengths(theta)
     t = np.einsum("nji,nj->ni", matrix(q_before), p - p_before)
     return angle, np.einsum("ni,ni->n", theta, t) / np.maximum(angle, 1e-12)
 

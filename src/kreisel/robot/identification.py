@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, from_two_vectors, log, matrix, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.robot.arm_library import LIBRARY, LibraryArm, Tool
 
 _STILL = 3e-4
@@ -115,8 +116,8 @@ def steady_wrist(positions: Array, quaternions: Array) -> Wrist | None:
 
 def _apart(positions: Array, quaternions: Array) -> Indices:
     """Return poses between which the tool has moved a little: those of a standstill count once."""
-    moved = np.linalg.norm(np.diff(positions, axis=0), axis=1) / _SHIFT
-    moved += np.linalg.norm(log(multiply(conjugate(quaternions[:-1]), quaternions[1:])), axis=1) / _TURN
+    moved = lengths(np.diff(positions, axis=0)) / _SHIFT
+    moved += lengths(log(multiply(conjugate(quaternions[:-1]), quaternions[1:]))) / _TURN
     along = np.concatenate([[0.0], np.cumsum(moved)])
     return np.unique(np.searchsorted(along, np.arange(0.0, along[-1], max(1.0, along[-1] / _MOST))))
 
@@ -161,7 +162,7 @@ def _at_whole_angles(arm: LibraryArm, places: Array) -> bool:
     a, b = float(np.linalg.norm(upper)), float(np.linalg.norm(fore))
     for side in (1.0, -1.0):
         to = places * [side, 1.0] - shoulder
-        distance = np.linalg.norm(to, axis=1)
+        distance = lengths(to)
         cosine = (a**2 + distance**2 - b**2) / (2.0 * a * distance)
         if np.abs(cosine).max() > 1.0:
             continue

@@ -12,6 +12,7 @@ import numpy as np
 
 from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array, Indices, conjugate, log, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm
 
@@ -74,8 +75,8 @@ def joint_path(arm: Arm, positions: Array, quaternions: Array) -> Array:
 
 def _knots(positions: Array, quaternions: Array) -> Indices:
     """Return the poses to follow, evenly in time: the tool moves a little from one to the next, even when fast."""
-    moved = np.linalg.norm(np.diff(positions, axis=0), axis=1) / _SHIFT
-    moved += np.linalg.norm(log(multiply(conjugate(quaternions[:-1]), quaternions[1:])), axis=1) / _TURN
+    moved = lengths(np.diff(positions, axis=0)) / _SHIFT
+    moved += lengths(log(multiply(conjugate(quaternions[:-1]), quaternions[1:]))) / _TURN
     fast, last = float(np.quantile(moved, _FAST)), len(positions) - 1
     stride = max(1, int(1.0 / max(fast, 1e-9)), last // _MOST)
     return np.unique([*range(0, last, min(stride, last)), last])
@@ -159,7 +160,7 @@ def _solve(arm: Arm, positions: Array, quaternions: Array, start: Array, steps: 
     for _ in range(steps):
         p, q = kinematics.poses(arm, angles[open_])
         error = np.hstack([positions[open_] - p, log(multiply(conjugate(q), quaternions[open_]))])
-        distance[open_] = np.linalg.norm(error, axis=1)
+        distance[open_] = lengths(error)
         going = distance[open_] > 1e-3 * EXACT
         open_, error = open_[going], error[going]
         if open_.size == 0:

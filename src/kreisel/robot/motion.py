@@ -10,6 +10,7 @@ import numpy as np
 
 from kreisel.errors import RobotError
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.robot import kinematics
 from kreisel.robot.cubics import Piecewise
 from kreisel.robot.description import Arm
@@ -213,8 +214,8 @@ def _tool_peaks(arm: Arm, trajectory: Any) -> tuple[float, float]:
     samples = np.array([trajectory.at_time(t) for t in np.linspace(0.0, trajectory.duration, 40)])
     tool = kinematics.motion(arm, samples[:, 0], samples[:, 1], samples[:, 2])
     return (
-        float(np.linalg.norm(tool.velocities, axis=1).max()),
-        float(np.linalg.norm(tool.accelerations, axis=1).max()),
+        float(lengths(tool.velocities).max()),
+        float(lengths(tool.accelerations).max()),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from kreisel._kernels import recursions
 from kreisel.geometry.rotation import Array, exp, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm
 from kreisel.robot.motion import Plan, Timeline
@@ -190,6 +191,6 @@ def _path(rng: np.random.Generator, plan: Timeline, t: Array, p: Array, errors: 
         recursions.gauss_markov(keep, white, process)
     else:
         process = white
-    speed = np.linalg.norm(np.gradient(p, t, axis=0), axis=1)
+    speed = lengths(np.gradient(p, t, axis=0))
     moving = np.where(plan.at_rest(t), 0.0, speed / (speed + _FADE))
     return process * sd * moving[:, None]

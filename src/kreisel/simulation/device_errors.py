@@ -10,6 +10,7 @@ import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
 
 from kreisel.geometry.rotation import Array, exp, matrix
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.noise_figures import Grade
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.robot.motion import Timeline
@@ -253,7 +254,7 @@ def vibration(rng: np.random.Generator, imu: Imu, planned: Timeline, t: Array) -
     if imu.vibration == 0.0:
         return np.zeros((t.size, 3)), np.zeros((t.size, 3))
     directions = rng.normal(size=(2, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    directions /= lengths(directions)[:, None]
     drift = _PHASE_WALK * np.cumsum(rng.normal(size=t.size) * np.sqrt(np.diff(t, prepend=t[0])))
     size = np.sqrt(2.0) * imu.vibration * envelope(planned, t)[0]
     wave = size * np.sin(2.0 * np.pi * imu.vibration_frequency * t + drift)

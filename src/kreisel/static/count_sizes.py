@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, nearest_rotation, skew
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.counts import Counts
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import raw_readings
@@ -72,7 +73,7 @@ def _sphere(means: Array, gravity: float, imu: ImuSamples) -> tuple[float, Array
         x, *_, singular = np.linalg.lstsq(A, np.sum(means**2, axis=1) * weight, rcond=None)
         centre = x[:3]
         radius = float(np.sqrt(max(x[3] + centre @ centre, 0.0)))
-        away = np.linalg.norm(means - centre, axis=1) / max(radius, 1e-9) - 1.0
+        away = lengths(means - centre) / max(radius, 1e-9) - 1.0
         weight = 1.0 / (1.0 + (away / _FAR) ** 2)
     if not radius > 0.0 or not np.isfinite(singular).all():
         raise RecordingError("all accelerations are alike: turn the device over", file=imu.source)
@@ -91,10 +92,10 @@ def _first_rate(w: Array, f: Array, gravity: float, h: float, imu: ImuSamples) -
 
     Gravity's direction u, seen in the device, changes by u x omega.
     """
-    length = np.linalg.norm(f, axis=1)
+    length = lengths(f)
     u = f / length[:, None]
     change = (u[2:] - u[:-2]) / (2.0 * h)
-    still = np.linalg.norm(change, axis=1)
+    still = lengths(change)
     quiet = still <= np.quantile(still, 0.2)
     zero = np.median(w[1:-1][quiet], axis=0)
     good = np.abs(length[1:-1] / gravity - 1.0) < _FAR

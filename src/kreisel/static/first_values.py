@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, right_angle_turns
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import CellParameters
 from kreisel.static.rest_problem import RestProblem, begun
@@ -102,7 +103,7 @@ def _check_unit(problem: RestProblem, sensors: SensorParameters, up: Array) -> N
 def vertical_misfits(rotations: Array, before: Array, after: Array) -> Array:
     """Return how far turns (m, 3, 3) lead from one vertical (m, 3) beside the next, (m,), at most `_FAR`."""
     seen = np.einsum("mkj,mk->mj", rotations, before)
-    return np.minimum(np.linalg.norm(seen - after, axis=1), _FAR)
+    return np.minimum(lengths(seen - after), _FAR)
 
 
 def _by_length(forces: Array, gravity: float) -> tuple[Array, Array]:
@@ -116,7 +117,7 @@ def _by_length(forces: Array, gravity: float) -> tuple[Array, Array]:
         K[places] = x[:6]
         y = forces + x[6:]
         f = y @ K.T
-        length = np.linalg.norm(f, axis=1)
+        length = lengths(f)
         u = f / length[:, None]
         J = np.column_stack([*(u[:, i] * y[:, j] for i, j in zip(*places, strict=True)), u @ K])
         x = x + np.linalg.solve(J.T @ J + held, J.T @ (gravity - length) - held @ (x - nominal))

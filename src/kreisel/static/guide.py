@@ -15,6 +15,7 @@ import numpy as np
 
 from kreisel.errors import KreiselError, RecordingError, SettingsError
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.progress import Progress
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.static.guide_plans import CANDIDATES, FACES, FLAT, PLANS, SAME, Seen, angles, directions, seen
@@ -331,7 +332,7 @@ def _frozen(imu: ImuSamples) -> str:
 
 def _turned_while_held(rests: Rests) -> Array:
     """Return the angle by which the device turns within each standstill, if evenly, rad, (M,)."""
-    return np.asarray(np.sqrt(12.0) * rests.creep / np.linalg.norm(rests.forces, axis=1))
+    return np.asarray(np.sqrt(12.0) * rests.creep / lengths(rests.forces))
 
 
 def _hold(held: float) -> str:
@@ -362,5 +363,5 @@ def _restless(imu: ImuSamples) -> bool:
     parts = np.array_split(imu.accelerations[-count:], 5)
     up = directions(np.array([part.mean(axis=0) for part in parts]))
     rates = imu.rates[-count:]
-    away = np.linalg.norm(rates - np.median(rates, axis=0), axis=1)
+    away = lengths(rates - np.median(rates, axis=0))
     return bool(angles(up, _mean(up)).max() < _SWAYS and np.percentile(away, 95.0) < _TURNS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel.geometry.vectors import lengths
 from kreisel.recording.recording import ImuSamples
 from kreisel.static.rests import Rests
 
@@ -43,7 +44,7 @@ def lost_share(imu: ImuSamples, rests: Rests, turn_noise: float = np.inf) -> tup
     steps = np.diff(w, axis=0)
     step, beside = steps[2:-2], np.stack([steps[:-4], steps[1:-3], steps[3:-1], steps[4:]])
     usual = beside.mean(axis=0)
-    size = np.linalg.norm(usual, axis=1)
+    size = lengths(usual)
     clear = size > _CLEAR * np.sqrt(np.sum(rests.density_w**2) / imu.interval)
     clear &= np.linalg.norm(beside - usual, axis=2).max(axis=0) < _EVEN * size
     gap = np.diff(imu.stamps_ns) > _GAP * 1e9 * imu.interval

@@ -6,6 +6,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, apply, conjugate, exp, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.recording.recording import ImuSamples
 from kreisel.static.rests import Rests
 
@@ -39,7 +40,7 @@ def check_rate_size(imu: ImuSamples, rests: Rests) -> None:
     offset = np.median(rests.rates, axis=0)
     angles = [_steps(imu, offset, int(rests.last[m]) - 1, int(rests.first[m + 1])) for m in own]
     misses = np.stack([_misses(one, up[m], up[m + 1]) for one, m in zip(angles, own, strict=True)], axis=1)
-    length = np.array([np.linalg.norm(one, axis=1).sum() for one in angles])
+    length = np.array([lengths(one).sum() for one in angles])
     misses[_SIZES[:, None] * length > _MOST] = np.inf
     enough = np.isfinite(misses).sum(axis=1) >= max(_FEWEST, own.size // 2)
     typical = np.array(

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.geometry.rotation import Array, Indices, from_two_vectors, matrix
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.static.rest_problem import RestProblem
 
@@ -72,9 +73,9 @@ def _spins(problem: RestProblem, start: SensorParameters) -> Iterator[tuple[int,
     for m, (a, b) in enumerate(zip((rests.last[:-1] - 1).tolist(), rests.first[1:].tolist(), strict=True)):
         steps = whole[a:b]
         way = steps.sum(axis=0)
-        size, length = float(np.linalg.norm(way)), float(np.linalg.norm(steps, axis=1).sum())
+        size, length = float(np.linalg.norm(way)), float(lengths(steps).sum())
         if size < _STRAIGHT * length:
-            if float(np.linalg.norm(np.cumsum(steps, axis=0), axis=1).max()) > 2.0 * np.pi * _LOST:
+            if float(lengths(np.cumsum(steps, axis=0)).max()) > 2.0 * np.pi * _LOST:
                 yield m, way, None
             continue
         if size < 2.0 * np.pi * _FEWEST:

@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError, SettingsError, unknown_name
 from kreisel.geometry.rotation import Array, Indices, Mask
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.counts import Counts
 from kreisel.model.parameters import CellParameters
 from kreisel.recording.recording import DataWarning, ImuSamples, TableAngles
@@ -210,7 +211,7 @@ def _whole_turns(problem: RestProblem, start: CellParameters, faces: Faces) -> W
     face[faces.node, faces.axis] = faces.sign
     same = np.einsum("mi,mi->m", face[:-1], face[1:]) > 0.5
     about = np.einsum("mi,mi->m", way, face[:-1]) / (2.0 * np.pi)
-    size = np.linalg.norm(way, axis=1) / (2.0 * np.pi)
+    size = lengths(way) / (2.0 * np.pi)
     number = np.round(np.abs(about))
     whole = (number >= 1.0) & (np.abs(np.abs(about) - number) < _FULL * number) & (np.abs(about) > 0.95 * size)
     return WholeTurns(np.flatnonzero(same & whole))
@@ -319,7 +320,7 @@ def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array, ratio: f
     start = first_values(problem)
     way = _sums(problem, start)
     turned = np.abs(angle) > _TURNED
-    agrees = turned & (np.abs(np.linalg.norm(way, axis=1) - np.abs(angle)) < _SAME * np.abs(angle))
+    agrees = turned & (np.abs(lengths(way) - np.abs(angle)) < _SAME * np.abs(angle))
     share = float(np.count_nonzero(agrees)) / max(float(np.count_nonzero(turned)), 1.0)
     edges = (np.interp(seconds[at], table.seconds, table.angles)[still] for at in (rests.first, rests.last - 1))
     moved = float(np.mean(np.abs(np.subtract(*edges))))
@@ -336,7 +337,7 @@ def _clocks(imu: ImuSamples, table: TableAngles) -> list[tuple[Array, float]]:
     out = [(stamped, 1.0)] if stamped[-1] > 0.0 and stamped[0] < table.seconds[-1] else []
     tau = np.arange(0.0, float(table.seconds[-1]), _STEP)
     turning = np.abs(np.gradient(np.interp(tau, table.seconds, table.angles), _STEP)) if tau.size > 1 else np.zeros(1)
-    rate = np.linalg.norm(imu.rates - np.median(imu.rates, axis=0), axis=1)
+    rate = lengths(imu.rates - np.median(imu.rates, axis=0))
 
     def seconds_alike(ratio: float) -> tuple[float, list[tuple[Array, float]]]:
         own = ratio * imu.seconds
@@ -369,7 +370,7 @@ def _on_hinge(problem: RestProblem, start: CellParameters, stated: str | None) -
     steps = steps_of(problem, start.sensors)
     way = _between(problem, steps)
     length = _between(problem, np.linalg.norm(steps, axis=1, keepdims=True))[:, 0]
-    size = np.linalg.norm(way, axis=1)
+    size = lengths(way)
     turned = size > _LEAST_TURN
     straight = turned & (size > _STRAIGHT * length)
     axes = way / np.maximum(size, 1e-9)[:, None]

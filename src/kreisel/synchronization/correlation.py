@@ -16,6 +16,7 @@ import numpy as np
 from kreisel.errors import SynchronizationError
 from kreisel.estimation.robust import cauchy_weights
 from kreisel.geometry.rotation import Array, Mask
+from kreisel.geometry.vectors import lengths
 from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, angles_over, chunks, excerpt
 from kreisel.synchronization.clock import MAX_SKEW, Clock
 from kreisel.synchronization.fits import Correlation
@@ -224,7 +225,7 @@ def _of_imu(imu: ImuSamples, reference: ReferencePoses, step: float, *, at_rest:
     if reference.quaternions is not None:
         bias = np.median(imu.rates[quietest_second(imu)], axis=0) if at_rest else np.zeros(3)
         return _even_norm(imu.seconds, imu.rates, bias, 0.0, step, window)
-    usual = float(np.median([np.median(np.linalg.norm(part, axis=1)) for part in excerpt(imu.accelerations)]))
+    usual = float(np.median([np.median(lengths(part)) for part in excerpt(imu.accelerations)]))
     return _even_norm(imu.seconds, imu.accelerations, np.zeros(3), usual, step, 2.0 * window)
 
 
@@ -248,7 +249,7 @@ def _accelerating(reference: ReferencePoses, window: float) -> tuple[Array, Arra
     speed = (p[stride:] - p[:-stride]) / span[:, None]
     accel = 2.0 * (speed[stride:] - speed[:-stride]) / (span[stride:] + span[:-stride])[:, None]
     # up is assumed along the reference's z; a tilt changes little in a norm dominated by gravity
-    moved = np.abs(np.linalg.norm(accel + np.array([0.0, 0.0, 9.8]), axis=1) - 9.8)
+    moved = np.abs(lengths(accel + np.array([0.0, 0.0, 9.8])) - 9.8)
     apart = np.minimum(span[stride:], span[:-stride]) > _BURST * stride * reference.interval
     return tau[stride:-stride][apart], moved[apart]
 
@@ -273,7 +274,7 @@ def _even_norm(t: Array, values: Array, centre: Array, usual: float, step: float
             continue
         low, high = np.searchsorted(t, (grid[within.start] - half, grid[within.stop - 1] + half))
         wide = slice(max(int(low) - 1, 0), int(high) + 2)
-        norm = np.abs(np.linalg.norm(values[wide] - centre, axis=1) - usual)
+        norm = np.abs(lengths(values[wide] - centre) - usual)
         parts.append(_averaged(t[wide], norm, grid[within], step, half))
     value, known = (np.concatenate([getattr(part, name) for part in parts]) for name in ("value", "known"))
     return _Norm(float(grid[0]), step, value, known)
@@ -440,15 +441,16 @@ def _track(x: _Norm, y: _Norm, clock: Clock) -> Clock:
 def _line(clock: Clock, centres: Array, shifts: Array, weights: Array) -> Clock:
     """Fit shift = a + b tau robustly and return the corrected clock."""
     w = weights.copy()
-    mean, slope = 0.0, 0.0
     pivot = float(centres.mean())
     for _ in range(10):
-        A = np.column_stack([np.ones_like(centres), centres - pivot]) * w[:, None]
-        (mean, slope), *_ = np.linalg.lstsq(A, shifts * w, rcond=None)
+        share = w**2 / float(w @ w)
+        centre, mean = float(share @ centres), float(share @ shifts)
+        apart = share * (centres - centre)
+        slope = float(apart @ shifts) / max(float(apart @ centres), 1e-300)
+        mean += slope * (pivot - centre)
         residual = np.abs(shifts - mean - slope * (centres - pivot))
-        scale = 1.5 * float(np.median(residual)) + 1e-3
-        w = weights * cauchy_weights(residual, 2.0 * scale)
-    sd = 1.5 * float(np.median(residual)) + 1e-3
+        sd = 1.5 * _median(residual) + 1e-3
+        w = weights * cauchy_weights(residual, 2.0 * sd)
     spread = float(np.std(centres)) + 1e-9
     count = np.sqrt(centres.size)
     return Clock(
@@ -457,6 +459,12 @@ def _line(clock: Clock, centres: Array, shifts: Array, weights: Array) -> Clock:
         sd / count + pivot * sd / (spread * count),
         sd / (spread * count),
     )
+
+
+def _median(values: Array) -> float:
+    """Return the median of few values (n,), for which `np.median` takes far longer than sorting."""
+    ordered, half = np.sort(values), values.size // 2
+    return float(0.5 * (ordered[half] + ordered[~half]))
 
 
 def _polish(x: _Norm, y: _Norm, clock: Clock) -> Clock:

@@ -14,6 +14,7 @@ import numpy as np
 
 from kreisel.geometry.interpolation import running_mean
 from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, exp, log, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.readings import Readings, attitudes_at
 from kreisel.inertial.strapdown import linear_rate
 from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, Stamps
@@ -107,7 +108,7 @@ class LostSamples:
                 signs = np.ones((tau.size, 1))
                 if values.shape[1] == 4:  # q and -q are the same
                     signs[1:, 0] = np.cumprod(np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0))
-                speed = np.linalg.norm(np.gradient(values * signs, tau, axis=0), axis=1)
+                speed = lengths(np.gradient(values * signs, tau, axis=0))
                 moving |= speed * (1.0 if values.shape[1] == 3 else 2.0) * T > size
         return np.asarray(~(inside & moving))
 
@@ -266,7 +267,7 @@ def _difference(readings: Readings, reference: ReferencePoses, fit: RateFit, *, 
     start = multiply(q[0], conjugate(integrated[0]))
     predicted = multiply(start, integrated)
     angle = apply(predicted, log(multiply(conjugate(predicted), q)))
-    speed = np.linalg.norm(rate, axis=1)
+    speed = lengths(rate)
     return _Difference(
         tau,
         t,

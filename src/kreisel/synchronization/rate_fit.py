@@ -17,6 +17,7 @@ from kreisel.errors import SynchronizationError
 from kreisel.estimation.robust import cauchy_weights, vector_scale
 from kreisel.geometry.interpolation import running_mean
 from kreisel.geometry.rotation import Array, conjugate, log, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.recording.recording import ReferencePoses
@@ -103,7 +104,7 @@ def rotations_between(tau: Array, q: Array, length: float) -> _Rotations:
     step = max(1, stride // 8)
     first = np.arange(0, tau.size - stride, step)
     rotation = log(multiply(conjugate(q[first]), q[first + stride]))
-    good = (np.linalg.norm(rotation, axis=1) < 2.5) & (tau[first + stride] - tau[first] < 3.0 * length)
+    good = (lengths(rotation) < 2.5) & (tau[first + stride] - tau[first] < 3.0 * length)
     return _Rotations(tau[first][good], tau[first + stride][good], rotation[good])
 
 
@@ -351,5 +352,5 @@ def _clock_drift(seen: Comparison) -> Array:
 
 def _weights(residual: Array) -> Array:
     """Return weights of residuals (n, 3) with the scale of their median."""
-    size = np.linalg.norm(residual, axis=1)
+    size = lengths(residual)
     return cauchy_weights(size, 4.0 * (vector_scale(size) + 1e-12))

@@ -9,6 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from kreisel.geometry.interpolation import running_mean
 from kreisel.geometry.rotation import Array, Indices, Mask
+from kreisel.geometry.vectors import lengths
 from kreisel.inertial.readings import Readings
 from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.fits import RateFit
@@ -97,7 +98,7 @@ def stamp_errors(readings: Readings, reference: ReferencePoses, fit: RateFit) ->
 def _errors(readings: Readings, tau: Array, q: Array, fit: RateFit) -> tuple[Indices, Array]:
     """Return poses (k,), and errors (k, 4) of their stamps by rotations along the motion and across it, s."""
     seen = steps_between(readings, tau, q, fit)
-    rate = np.linalg.norm(seen.rotation, axis=1) / np.maximum(seen.duration, 1e-9)
+    rate = lengths(seen.rotation) / np.maximum(seen.duration, 1e-9)
     axis = seen.rotation / np.maximum(rate * seen.duration, 1e-12)[:, None]
     along = np.sum(seen.residual * axis, axis=1)
     across = seen.residual - along[:, None] * axis

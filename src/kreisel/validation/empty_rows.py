@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.geometry.rotation import Array, Mask
+from kreisel.geometry.vectors import lengths
 from kreisel.recording.location import at, fault, rows
 from kreisel.recording.recording import (
     NO_STAMP,
@@ -127,7 +128,7 @@ def _filled(poses: ReferencePoses, gone: Mask) -> Mask:
     zero = zero[left]
     if not zero.any() or zero.all():
         return out
-    steps = np.linalg.norm(np.diff(p[left], axis=0), axis=1)
+    steps = lengths(np.diff(p[left], axis=0))
     inside = steps[~(zero[1:] | zero[:-1])]
     usual = float(np.percentile(inside[inside > 0.0], 90)) if (inside > 0.0).any() else np.inf
     for first, last in zip(*runs(zero), strict=True):

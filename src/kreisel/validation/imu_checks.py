@@ -14,6 +14,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
+from kreisel.geometry.vectors import lengths
 from kreisel.recording.header import UNITS
 from kreisel.recording.location import is_table, wrong_unit
 from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
@@ -126,7 +127,7 @@ def check_gravity(imu: ImuSamples) -> None:
 
 def _usual_length(vectors: Array, share: float = 50.0) -> float:
     """Return a percentile of the lengths."""
-    return float(np.percentile(np.concatenate([np.linalg.norm(part, axis=1) for part in excerpt(vectors)]), share))
+    return float(np.percentile(np.concatenate([lengths(part) for part in excerpt(vectors)]), share))
 
 
 def _channels(imu: ImuSamples) -> list[Array]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError, RobotError
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
+from kreisel.geometry.vectors import lengths
 from kreisel.recording.location import is_table
 from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
 from kreisel.robot import kinematics
@@ -148,9 +149,9 @@ def distance(arm: Arm, angles: Array, reference: ReferencePoses) -> tuple[float,
     p, q = kinematics.poses(arm, angles[some])
     apart, turned = 0.0, 0.0
     if reference.positions is not None:
-        apart = float(np.median(np.linalg.norm(p - reference.positions[some], axis=1)))
+        apart = float(np.median(lengths(p - reference.positions[some])))
     if reference.quaternions is not None:
-        turned = float(np.median(np.linalg.norm(log(multiply(conjugate(q), reference.quaternions[some])), axis=1)))
+        turned = float(np.median(lengths(log(multiply(conjugate(q), reference.quaternions[some])))))
     return apart, turned
 
 

@@ -329,7 +329,8 @@ def _chunks(imu: ImuSamples) -> Iterator[_Chunk]:
 
 def _usual(steps: Array, share: float) -> Array:
     """Return a percentile of the steps that are not zero, (channels,)."""
-    return np.array([float(np.percentile(x[x > 0.0], share)) if (x > 0.0).any() else 0.0 for x in _some(steps).T])
+    real = (channel[channel > 0.0] for channel in _some(steps).T)
+    return np.array([float(np.percentile(own, share)) if own.size else 0.0 for own in real])
 
 
 def _some(steps: Array) -> Array:
