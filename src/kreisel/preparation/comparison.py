@@ -12,7 +12,7 @@ from kreisel.preparation.imu_noise import imu_noise_of, readings_of
 from kreisel.preparation.preparation import ImuNoise
 from kreisel.recording.recording import DataWarning, ImuSamples, Recording, ReferencePoses
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.conventions import check_conventions
+from kreisel.synchronization.conventions import checked_fit
 from kreisel.synchronization.correlation import correlate, quietest_second
 from kreisel.synchronization.fits import Correlation, RateFit
 from kreisel.synchronization.rate_fit import fit_rates
@@ -31,8 +31,6 @@ class Comparison:
         Of the rates by both: coarse clocks, and the fit of gyros and clocks.
     warnings
         What was repaired.
-    executor
-        Runs tasks that do not depend on each other.
     """
 
     recording: Recording
@@ -42,13 +40,12 @@ class Comparison:
     readings: Readings
     fit: RateFit
     warnings: tuple[DataWarning, ...]
-    executor: Executor
 
     def of(self, recording: Recording, reference: ReferencePoses | None = None) -> Comparison:
         """Return the comparison of a recording, or a reference, with other stamps."""
         reference = self.reference if reference is None else reference
         correlation = correlate(recording.imu, reference)
-        readings, fit = _fitted(recording, reference, self.imu_noise, correlation, self.executor)
+        readings, fit = _fitted(recording, reference, self.imu_noise, correlation)
         return replace(
             self, recording=recording, reference=reference, correlation=correlation, readings=readings, fit=fit
         )
@@ -67,28 +64,18 @@ def compare(recording: Recording, reference: ReferencePoses, executor: Executor)
         If the two do not belong together.
     """
     noise, correlation = executor([partial(imu_noise_of, recording), partial(correlate, recording.imu, reference)])
-    readings, fit = _fitted(recording, reference, noise, correlation, executor)
-    return Comparison(recording, reference, noise, correlation, readings, fit, (), executor)
+    readings, fit = _fitted(recording, reference, noise, correlation)
+    return Comparison(recording, reference, noise, correlation, readings, fit, ())
 
 
 def _fitted(
-    recording: Recording, reference: ReferencePoses, noise: ImuNoise, correlation: Correlation, executor: Executor
+    recording: Recording, reference: ReferencePoses, noise: ImuNoise, correlation: Correlation
 ) -> tuple[Readings, RateFit]:
     """Return the readings, and the fit of the gyros and clocks to the reference."""
     readings = readings_of(recording, noise)
-    _, fit = executor(
-        [
-            partial(check_conventions, readings, reference, correlation.clock),
-            partial(_rates, readings, recording.imu, reference, correlation.clock),
-        ]
-    )
-    return readings, fit
-
-
-def _rates(readings: Readings, imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> RateFit:
     if reference.quaternions is None:
-        return _rates_without_attitude(imu, reference, clock)
-    return fit_rates(readings, reference.seconds, reference.quaternions, clock)
+        return readings, _rates_without_attitude(recording.imu, reference, correlation.clock)
+    return readings, fit_rates(readings, checked_fit(readings, reference, correlation.clock))
 
 
 def _rates_without_attitude(imu: ImuSamples, reference: ReferencePoses, clock: Clock) -> RateFit:

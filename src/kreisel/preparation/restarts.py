@@ -11,7 +11,7 @@ from kreisel.errors import SynchronizationError
 from kreisel.preparation.imu_noise import imu_noise_of, readings_of
 from kreisel.recording.recording import DataWarning, ImuSamples, Recording, ReferencePoses
 from kreisel.synchronization.correlation import correlate
-from kreisel.synchronization.rate_fit import fit_rates
+from kreisel.synchronization.rate_fit import LinearFit, fit_rates
 
 
 def with_parts_in_place(recording: Recording, reference: ReferencePoses) -> tuple[Recording, list[DataWarning]]:
@@ -36,9 +36,8 @@ def with_parts_in_place(recording: Recording, reference: ReferencePoses) -> tupl
     for begin, end in pairwise(edges):
         part = _part(imu, begin, end)
         alone = replace(recording, imu=part)
-        clock = fit_rates(
-            readings_of(alone, noise), reference.seconds, reference.quaternions, correlate(part, reference).clock
-        ).clock
+        readings, first_guess = readings_of(alone, noise), correlate(part, reference).clock
+        clock = fit_rates(readings, LinearFit.of(readings, reference.seconds, reference.quaternions, first_guess)).clock
         if first is None:
             first = clock
             continue

@@ -13,7 +13,7 @@ from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.rate_fit import check_overlap, explained_share
+from kreisel.synchronization.rate_fit import LinearFit, check_overlap, explained_share
 from kreisel.synchronization.windows import Windows
 
 EXPLAINED = 0.8
@@ -37,8 +37,8 @@ _READINGS: dict[str, Callable[[Array], Array]] = {
 }
 
 
-def check_conventions(readings: Readings, reference: ReferencePoses, clock: Clock) -> None:
-    """Raise an error if the reference's orientations do not rotate as the gyros measure.
+def checked_fit(readings: Readings, reference: ReferencePoses, clock: Clock) -> LinearFit:
+    """Return the linear fit of the readings to a reference whose orientations rotate as the gyros measure.
 
     The correlation of rate norms cannot show this: a norm is the same in all these conventions.
 
@@ -49,15 +49,15 @@ def check_conventions(readings: Readings, reference: ReferencePoses, clock: Cloc
     SynchronizationError
         If they do so in no convention, or if too few of them lie within the IMU's recording.
     """
-    if reference.quaternions is None:
-        return
     check_overlap(readings, reference, clock)
     q, tau = reference.quaternions, reference.seconds
-    usual = explained_share(readings, tau, q, clock)
+    assert q is not None  # noqa: S101 - for the type checker; the callers checked
+    found = LinearFit.of(readings, tau, q, clock)
+    usual = found.explained
     if usual < EXPLAINED:
-        usual = max(usual, explained_share(readings, tau, q, clock, longer=True))
+        usual = max(usual, explained_share(readings, tau, q, clock))
     if usual >= EXPLAINED:
-        return
+        return found
     shares = {name: explained_share(readings, tau, read(q), clock) for name, read in _READINGS.items()}
     fitting = [name for name, share in shares.items() if share >= EXPLAINED]
     if fitting:

@@ -108,28 +108,51 @@ def rotations_between(tau: Array, q: Array, length: float) -> _Rotations:
     return _Rotations(tau[first][good], tau[first + stride][good], rotation[good])
 
 
-def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock, *, longer: bool = False) -> float:
-    """Return the share of the reference's rotation a linear map of the readings explains, without refinement.
-
-    longer: whether over longer rotations, of which noise of the poses is a smaller share.
-    """
-    return _linear_share(readings, tau, _long(tau, q) if longer else _short(tau, q), clock)[1]
+def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock) -> float:
+    """Return the share of the reference's short rotations a linear map of the readings explains."""
+    return fit_linear_rates(readings, tau, q, clock)[1]
 
 
 def fit_linear_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> tuple[Array, float]:
     """Return the matrix (3, 3) of readings that explains the reference's rotation best, and the share it explains."""
-    return _linear_share(readings, tau, _short(tau, q), clock)
-
-
-def _linear_share(readings: Readings, tau: Array, rotations: _Rotations, clock: Clock) -> tuple[Array, float]:
     parts = (_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]])))
-    solution, left, target = _linear_fit(parts, rotations, clock)
-    spread = max(float(np.sum((target - target.mean(axis=0)) ** 2)), 1e-30)
-    return solution[:3].T.copy(), 1.0 - float(np.sum(left**2)) / spread
+    solution, share = _linear_fit(parts, _short(tau, q), clock)
+    return solution[:3].T.copy(), share
 
 
-def _linear_fit(parts: Iterable[_Integrated], rotations: _Rotations, clock: Clock) -> tuple[Array, Array, Array]:
-    """Return the map (4, 3) of integrated readings and time onto rotations, the residuals, and the rotations."""
+@dataclass(frozen=True)
+class LinearFit:
+    """Linear map of integrated readings onto the reference's rotations, from which the clock is refined.
+
+    Attributes
+    ----------
+    parts
+        Readings of which it is; of a long recording, chunks spread evenly.
+    rotations
+        The reference's.
+    clock
+    solution : (4, 3)
+        The map of integrated readings, and of time.
+    explained
+        Share of the squared rotation that it explains.
+    """
+
+    parts: Sequence[_Integrated]
+    rotations: _Rotations
+    clock: Clock
+    solution: Array
+    explained: float
+
+    @classmethod
+    def of(cls, readings: Readings, tau: Array, q: Array, clock: Clock) -> LinearFit:
+        """Return the fit to a reference's attitudes q (m, 4) at seconds tau (m,)."""
+        rotations = _long(tau, q)
+        parts = [_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]]))]
+        return cls(parts, rotations, clock, *_linear_fit(parts, rotations, clock))
+
+
+def _linear_fit(parts: Iterable[_Integrated], rotations: _Rotations, clock: Clock) -> tuple[Array, float]:
+    """Return the map (4, 3) of integrated readings and time onto rotations, and the share of these it explains."""
     rows, targets = [], []
     for part in parts:
         within = rotations.inside(part.signal, clock)
@@ -138,7 +161,8 @@ def _linear_fit(parts: Iterable[_Integrated], rotations: _Rotations, clock: Cloc
         targets.append(within.rotation)
     A, target = np.concatenate(rows), np.concatenate(targets)
     solution, *_ = np.linalg.lstsq(A, target, rcond=None)
-    return np.asarray(solution), target - A @ solution, target
+    left, spread = target - A @ solution, target - target.mean(axis=0)
+    return np.asarray(solution), 1.0 - float(np.vdot(left, left)) / max(float(np.vdot(spread, spread)), 1e-30)
 
 
 def check_overlap(readings: Readings, reference: ReferencePoses, clock: Clock) -> None:
@@ -173,26 +197,20 @@ def _long(tau: Array, q: Array) -> _Rotations:
     return rotations_between(tau, q, max(ROTATION_SECONDS, 4.0 * float(np.median(np.diff(tau)))))
 
 
-def fit_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> RateFit:
+def fit_rates(readings: Readings, linear: LinearFit) -> RateFit:
     """Return the robust least squares fit of gyro parameters and clock.
 
     Parameters
     ----------
-    readings
-        Of a long recording, chunks spread evenly are fitted.
-    tau, q : (m,), (m, 4)
-        Reference seconds and attitudes q_rb.
-    clock
-        First guess, accurate to a tenth of a second.
+    linear
+        The fit by a first guess of the clock, accurate to a tenth of a second.
 
     Notes
     -----
     Enough of the reference must lie within the IMU's recording, see `check_overlap`.
     """
-    rotations = _long(tau, q)
-    parts = [_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]]))]
-    solution, *_ = _linear_fit(parts, rotations, clock)
-    fit = _settle(parts, rotations, solution[:3].T.copy(), solution[3], clock)
+    parts, rotations, solution = linear.parts, linear.rotations, linear.solution
+    fit = _settle(parts, rotations, solution[:3].T.copy(), solution[3], linear.clock)
     everything = parts if len(parts) == readings.count else (_Integrated.of(part) for part in readings.chunks())
     seen = _compare(everything, rotations, fit.K_omega, fit.rate_at_zero, fit.clock)
     return replace(fit, clock_drift=_clock_drift(seen))
@@ -265,21 +283,20 @@ def _refine(parts: Sequence[_Integrated], rotations: _Rotations, K: Array, b: Ar
     residual, slope = seen.residual, seen.slope
     weight = _weights(residual)
     pivot = float(seen.tau.mean())
-    columns = 14
-    A = np.zeros((residual.shape[0], 3, columns))
-    for i in range(3):
-        A[:, i, 3 * i : 3 * i + 3] = seen.turned
-        A[:, i, 9 + i] = seen.duration
-        A[:, i, 12] = slope[:, i]
-        A[:, i, 13] = slope[:, i] * (seen.tau - pivot)
-    root = np.sqrt(weight)[:, None]
-    stacked = (A * root[..., None]).reshape(-1, columns)
-    target = (residual * root).reshape(-1)
-    normal = stacked.T @ stacked
-    normal += np.diag(1e-12 * np.diag(normal) + 1e-30)
-    solution = np.linalg.solve(normal, stacked.T @ target)
-    left = target - stacked @ solution
-    variance = float(left @ left / max(float(3 * weight.sum()) - columns, 1.0))
+    places = [[3 * i, 3 * i + 1, 3 * i + 2, 9 + i, 12, 13] for i in range(3)]
+    columns = [
+        np.column_stack([seen.turned, seen.duration, along, along * (seen.tau - pivot)]) for along in slope.T
+    ]  # of one axis
+    normal, right = np.diag(np.full(14, 1e-30)), np.zeros(14)
+    for place, own, of_axis in zip(places, columns, residual.T, strict=True):
+        weighted = own * weight[:, None]
+        normal[np.ix_(place, place)] += weighted.T @ own
+        right[place] += of_axis @ weighted
+    normal += np.diag(1e-12 * np.diag(normal))
+    solution = np.linalg.solve(normal, right)
+    left = residual - np.column_stack([own @ solution[place] for place, own in zip(places, columns, strict=True)])
+    squares = float(weight @ np.einsum("ni,ni->n", left, left))
+    variance = squares / max(float(3 * weight.sum()) - right.size, 1.0)
     # Neighbouring rotations overlap eightfold and share their noise.
     covariance = 8.0 * variance * np.linalg.inv(normal)
     K_new = K + solution[:9].reshape(3, 3)
@@ -297,7 +314,7 @@ def _refine(parts: Sequence[_Integrated], rotations: _Rotations, K: Array, b: Ar
         k_w0=np.linalg.lstsq(K_new, b_new, rcond=None)[0],  # an axis that never turned leaves K singular
         clock=clock,
         skewed=True,
-        explained=1.0 - float(left @ left) / max(total, 1e-30),
+        explained=1.0 - squares / max(total, 1e-30),
         residual_sd=float(np.sqrt(variance)),
         K_omega_sd=np.sqrt(np.diag(covariance)[:9]).reshape(3, 3),
         k_w0_sd=np.sqrt(np.diag(covariance)[9:12]),

@@ -64,16 +64,17 @@ def test_any_bytes_are_refused_or_read(text):
     assert read_rows(text, stamps[:0], values) is None or rows is None or rows >= 0
 
 
-exact_halves = st.tuples(st.integers(10**8, 10**9 - 1), st.integers(-30, 20)).map(lambda one: (one[0] + 0.5) * 10.0 ** one[1])
-near_powers = st.integers(-30, 30).flatmap(lambda power: st.sampled_from([10.0**power, np.nextafter(10.0**power, 0.0)]))
+wholes, powers = st.integers(10**8, 10**9 - 1), st.integers(-30, 30)
+exact_halves = st.builds(lambda whole, power: (whole + 0.5) * 10.0**power, wholes, powers)
+near_powers = st.builds(lambda power, below: np.nextafter(10.0**power, 0.0) if below else 10.0**power, powers, st.booleans())
 
 
 @given(st.lists(st.tuples(*[numbers | exact_halves | near_powers] * 3), max_size=8))
 def test_numbers_are_written_as_python_writes_nine_digits(rows):
     text = write_rows(np.array(rows, dtype=float).reshape(-1, 3)).decode()
-    assert text == "".join("%.9g,%.9g,%.9g\n" % row for row in rows)
+    assert text == "".join(f"{a:.9g},{b:.9g},{c:.9g}\n" for a, b, c in rows)
 
 
 def test_many_numbers_of_usual_sizes_are_written_as_python_writes_them():
     values = np.random.default_rng(4).standard_normal((20_000, 4)) * [1.0, 1e-4, 1e5, 1e-9]
-    assert write_rows(values).decode() == "".join("%.9g,%.9g,%.9g,%.9g\n" % tuple(row) for row in values)
+    assert write_rows(values).decode() == "".join(",".join(f"{x:.9g}" for x in row) + "\n" for row in values)

@@ -11,7 +11,7 @@ from kreisel.geometry.rotation import apply, conjugate, exp, multiply
 from kreisel.inertial.readings import Readings
 from kreisel.recording.recording import Recording, ReferencePoses
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.conventions import acceleration_share, better_reading, check_conventions
+from kreisel.synchronization.conventions import acceleration_share, better_reading, checked_fit
 
 from ...small_cell import simulate
 
@@ -45,7 +45,7 @@ def test_other_conventions_are_named(write: Callable[[np.ndarray], np.ndarray], 
     if turned:
         p, q = apply(np.broadcast_to(TURN, q.shape), p), multiply(TURN, q)
     with pytest.raises(RecordingError, match="the quaternions fit the gyros only when read") as error:
-        check_conventions(signal, replace(reference, positions=p, quaternions=write(q)), CLOCK)
+        checked_fit(signal, replace(reference, positions=p, quaternions=write(q)), CLOCK)
     assert name in str(error.value)
     assert " or " not in str(error.value)
 
@@ -55,19 +55,19 @@ def test_without_positions_both_candidates_are_named() -> None:
     signal, reference = simulated()
     broken = replace(reference, positions=None, quaternions=scalar_last(reference.quaternions))
     with pytest.raises(RecordingError, match=r"as their conjugates .* or scalar last"):
-        check_conventions(signal, broken, CLOCK)
+        checked_fit(signal, broken, CLOCK)
 
 
 def test_what_the_gyros_cannot_see_the_accelerometers_do() -> None:
     signal, reference = simulated()
     broken = replace(reference, quaternions=scalar_last(conjugate(reference.quaternions)))
-    check_conventions(signal, broken, CLOCK)
+    checked_fit(signal, broken, CLOCK)
     assert better_reading(signal, broken, CLOCK).startswith("scalar last and conjugated")
 
 
 def test_a_sound_reference_passes() -> None:
     signal, reference = simulated()
-    check_conventions(signal, reference, CLOCK)
+    checked_fit(signal, reference, CLOCK)
     assert better_reading(signal, reference, CLOCK) is None
     assert better_reading(signal, replace(reference, positions=None), CLOCK) is None
     assert acceleration_share(signal, reference, reference.quaternions, CLOCK) > 0.8
@@ -76,7 +76,7 @@ def test_a_sound_reference_passes() -> None:
 def test_poses_of_another_run_are_refused_with_the_share() -> None:
     signal, reference = simulated()
     with pytest.raises(SynchronizationError, match=r"the gyros explain \d+ % of the rotation, expected 80 %") as error:
-        check_conventions(signal, replace(reference, quaternions=reference.quaternions[::-1]), CLOCK)
+        checked_fit(signal, replace(reference, quaternions=reference.quaternions[::-1]), CLOCK)
     assert error.value.correlation < 0.8
 
 
@@ -86,4 +86,4 @@ def test_a_silent_gyro_is_named() -> None:
     noise = np.random.default_rng(2).normal(0.0, 1e-3, len(r.imu.rates))
     rates = np.column_stack([r.imu.rates[:, :2], noise])
     with pytest.raises(SynchronizationError, match="w_z hardly changes"):
-        check_conventions(readings(r, rates), reference, CLOCK)
+        checked_fit(readings(r, rates), reference, CLOCK)

@@ -10,7 +10,7 @@ from kreisel.inertial.readings import Readings
 from kreisel.recording.recording import Recording
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.fits import RateFit
-from kreisel.synchronization.rate_fit import CLOCK_DRIFT_PARTS, check_overlap, explained_share, fit_rates
+from kreisel.synchronization.rate_fit import CLOCK_DRIFT_PARTS, LinearFit, check_overlap, explained_share, fit_rates
 
 from ...small_cell import Truth, simulate
 
@@ -29,7 +29,8 @@ def readings_of(r: Recording, segments: tuple[tuple[int, int], ...] | None = Non
 
 
 def fit(r: Recording, segments: tuple[tuple[int, int], ...] | None = None, start: float = START + 0.05) -> RateFit:
-    return fit_rates(readings_of(r, segments), r.reference.seconds, r.reference.quaternions, Clock(start))
+    readings = readings_of(r, segments)
+    return fit_rates(readings, LinearFit.of(readings, r.reference.seconds, r.reference.quaternions, Clock(start)))
 
 
 def test_gyros_and_clock_are_found_from_a_tenth_of_a_second_off() -> None:
