@@ -66,7 +66,9 @@ def test_any_bytes_are_refused_or_read(text):
 
 wholes, powers = st.integers(10**8, 10**9 - 1), st.integers(-30, 30)
 exact_halves = st.builds(lambda whole, power: (whole + 0.5) * 10.0**power, wholes, powers)
-near_powers = st.builds(lambda power, side: float(np.nextafter(10.0**power, side)), powers, st.sampled_from([0.0, 1e300]))
+near_powers = st.builds(
+    lambda power, side: float(np.nextafter(10.0**power, side)), powers, st.sampled_from([0.0, 1e300])
+)
 
 
 @given(st.lists(st.tuples(*[numbers | exact_halves | near_powers] * 3), max_size=8))
