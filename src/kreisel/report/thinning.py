@@ -97,7 +97,7 @@ def _extremes(y: Array, points: int) -> Indices:
 def _longest_step(x: Array, chosen: Indices) -> float:
     if x.size < 2:
         return np.inf
-    usual = float(np.median(np.diff(x)))
+    usual = float(np.median(np.diff(x)[every(x.size)]))
     return max(1.0, 3.0 * usual * x.size / max(chosen.size, 1))
 
 
