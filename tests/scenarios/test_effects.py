@@ -197,3 +197,15 @@ def test_errors_of_cameras_at_two_rests_do_not_decide_the_mount():
     assert outcome.verdict.accepted
     found, sd = outcome.calibration.sensors.K_omega, outcome.calibration.sensor_sd.K_omega
     assert np.abs((found - truth.sensors.K_omega) / sd).max() < 4.0
+
+
+@pytest.mark.slow
+def test_a_response_to_acceleration_that_larger_errors_hide_is_no_field():
+    """Accelerometers 17 mg off hid it; a field took its share, and an offset of the gyros was 5 deviations off."""
+    cell = Cell.model_validate({**random_situation(80931).cell, "seed": 80931})
+    truth, recording = simulate(cell, Path("cell"))
+    outcome = run_calibration(check_streams(recording), CalibrationSettings())
+    assert outcome.verdict.accepted
+    assert "gyro_g_sensitivity" in outcome.problem.groups
+    found, sd = outcome.calibration.sensors.k_w[0], outcome.calibration.sensor_sd.k_w[0]
+    assert np.abs((found - truth.sensors.k_w[0]) / sd).max() < 4.0

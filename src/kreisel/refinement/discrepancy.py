@@ -7,7 +7,7 @@ corrected by them, and the usual parameters found again; what the terms leave un
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -108,6 +108,7 @@ def find_discrepancy(
     settle: Settle,
     least_noise: Callable[[Problem], float],
     prepared: DiscrepancyTerms | None = None,
+    left_out: Container[str] = (),
 ) -> Discrepancy:
     """Return what the data ask for. The last problem that was settled is without it.
 
@@ -124,6 +125,8 @@ def find_discrepancy(
         would.
     prepared
         Terms that may serve the problem.
+    left_out
+        What an error may depend on, by the families' names for it, that is not looked for.
     """
     terms = prepared if prepared is not None and prepared.serves(recorded) else prepared_terms(recorded)
     if terms is None:
@@ -134,6 +137,7 @@ def find_discrepancy(
         linear, every = linearise(problem, fit), terms.terms(problem.schedule)
         least = least_noise(problem)
         worth = np.union1d(worth, worth_weighing(linear.scores(every), terms.family, terms.weight, least))
+        worth = worth[[terms.families[f].of not in left_out for f in worth]]
         own = np.flatnonzero(np.isin(terms.family, worth))
         if own.size == 0:
             return Discrepancy()

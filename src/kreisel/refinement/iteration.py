@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -166,6 +166,7 @@ def _estimate(problem: Problem, work: _Work) -> Estimate:
     passes = _without_needless(problem, _with_effects(problem, passes, work), work)
     passes = _without_contradiction(problem, passes, work)
     shown = _with_hidden_effects(problem, passes, *_with_discrepancy(problem, passes, work), work)
+    shown = _without_field(problem, passes, *shown, work)
     passes, discrepancy = _without_walk(problem, passes, *shown, work)
     contradicted = _contradicted(problem, passes, problem)
     adapted = passes.adapted
@@ -393,8 +394,13 @@ def _without_needless(first: Problem, passes: _Passes, work: _Work) -> _Passes:
     return passes
 
 
-def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Passes, Discrepancy]:
-    """Return the passes with data corrected by terms for errors that are on no list, where the data ask for them."""
+def _with_discrepancy(
+    first: Problem, passes: _Passes, work: _Work, left_out: Container[str] = ()
+) -> tuple[_Passes, Discrepancy]:
+    """Return the passes with data corrected by terms for errors that are on no list, where the data ask for them.
+
+    left_out: as in `find_discrepancy`.
+    """
     if passes.problem.settings.passes is not None:
         return passes, Discrepancy()
     last = passes
@@ -409,7 +415,7 @@ def _with_discrepancy(first: Problem, passes: _Passes, work: _Work) -> tuple[_Pa
     def least_noise(problem: Problem) -> float:
         return float(1.0 / max(1.0, *noise_ratios(first, problem)) ** 2)
 
-    found = find_discrepancy(passes.problem, passes.run, work.linear, settle, least_noise, work.terms)
+    found = find_discrepancy(passes.problem, passes.run, work.linear, settle, least_noise, work.terms, left_out)
     if not found.found:
         return passes, found
     if _probability(last) < _probability(passes):
@@ -440,6 +446,22 @@ def _with_hidden_effects(
     once = _until_settled(with_noise_of(first, problem), after.count, work, begun)
     again, terms = _with_discrepancy(first, replace(once, survey=shown, walk_gain=before.walk_gain), work)
     return (again, terms) if _probability(again) > _probability(after) else (after, found)
+
+
+def _without_field(
+    first: Problem, before: _Passes, after: _Passes, found: Discrepancy, work: _Work
+) -> tuple[_Passes, Discrepancy]:
+    """Return passes and terms without a field that sensors seem to follow, if effects that have a name are likelier.
+
+    A field takes the share of named effects, such as the gyros' response to acceleration, where errors on no list
+    hide them at first; few devices follow one.
+
+    before, after: the passes without and with the terms that were found.
+    """
+    if not any(one.family.of == FIELD for one in found.found):
+        return after, found
+    other = _with_hidden_effects(first, before, *_with_discrepancy(first, before, work, (FIELD,)), work)
+    return other if _probability(other[0]) > _probability(after) else (after, found)
 
 
 def _without_walk(
