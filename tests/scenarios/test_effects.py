@@ -209,3 +209,21 @@ def test_a_response_to_acceleration_that_larger_errors_hide_is_no_field():
     assert "gyro_g_sensitivity" in outcome.problem.groups
     found, sd = outcome.calibration.sensors.k_w[0], outcome.calibration.sensor_sd.k_w[0]
     assert np.abs((found - truth.sensors.k_w[0]) / sd).max() < 4.0
+
+
+@pytest.mark.slow
+def test_centripetal_forces_that_a_device_takes_out_itself_are_no_other_arm():
+    """Arms had been 13 deviations off: those of the angular acceleration and of the rates are not the same."""
+    cell = Cell.model_validate(
+        {"seed": 31, "seconds": 150.0, "imu": {"grade": "fog-mems"}, "reference": {"kind": "mocap"}}
+    )
+    truth, recording = simulate(cell, Path("cell"))
+    imu, nominal = recording.imu, np.array([0.04, 0.02, -0.03])
+    taken_out = np.cross(imu.rates, np.cross(imu.rates, nominal))
+    compensated = replace(recording, imu=replace(imu, accelerations=imu.accelerations - taken_out))
+    outcome = run_calibration(check_streams(compensated), CalibrationSettings())
+    assert outcome.verdict.accepted
+    assert "accelerometer.products_of_rates" in {one.family.name for one in outcome.estimate.discrepancy}
+    found, sd = outcome.calibration.sensors, outcome.calibration.sensor_sd
+    assert np.abs((found.lever_arms - truth.sensors.lever_arms) / sd.lever_arms).max() < 4.0
+    assert np.abs(scores(outcome, "accel_cross_coupling", truth.sensors.K_a)).max() < BOUND

@@ -15,13 +15,13 @@ import numpy as np
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.fitting.fit import Fit, Linearised
-from kreisel.fitting.terms import Linearisation, Terms
+from kreisel.fitting.terms import ACCEL_ROWS, Linearisation, Terms
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.model.parameters import OF_EARTH
 from kreisel.model.problem import Problem
 from kreisel.recording.recording import DataWarning
 from kreisel.refinement.discrepancy_evidence import Weighed, undecided, weigh, worth_weighing
-from kreisel.refinement.discrepancy_terms import FIELD, RANGE, SIGN, DiscrepancyTerms, Family, FoundFamily
+from kreisel.refinement.discrepancy_terms import FIELD, PRODUCTS, RANGE, SIGN, DiscrepancyTerms, Family, FoundFamily
 from kreisel.units import DEG, MG, MM, MRAD, MS
 
 LONGEST = 3.0 * 3600.0
@@ -163,7 +163,12 @@ def find_discrepancy(
             np.array([terms.families[f].odds for f in worth]),
         ),
         _remainder(every.some(own), family, 1.0 / weight, terms.ends[own], whole.change, weighed),
-        _ATTRIBUTED * _by_family(family, whole.change, weighed),
+        np.hstack(
+            [
+                _ATTRIBUTED * _by_family(family, whole.change, weighed),
+                *(_like_arms(terms.families[worth[f]], family == f, whole.change, weighed) for f in weighed.families),
+            ]
+        ),
     )
 
 
@@ -183,6 +188,22 @@ def _by_family(family: Indices, change: Array, weighed: Weighed) -> Array:
     """Return what each family that is found does to the parameters, (n, k)."""
     own = [family == f for f in weighed.families]
     return np.stack([change[:, i] @ weighed.amplitude[i] for i in own], axis=1) if own else change[:, :0]
+
+
+def _like_arms(kind: Family, own: Mask, change: Array, weighed: Weighed) -> Array:
+    """Return columns (n, k) by the part of products of rates that is that of an arm along the accelerometer's own axis.
+
+    Such an arm adds nothing but its distance times the squares of the two other rates: how much of it the device adds
+    is known by the size of all its products alone.
+    """
+    if kind.of != PRODUCTS or np.count_nonzero(own) != 6 * len(kind.rows):
+        return change[:, :0]
+    squares = [0, 3, 5]  # of x, y and z among the products
+    patterns = np.zeros((len(kind.rows), len(kind.rows), 6))
+    for i, row in enumerate(kind.rows):
+        patterns[i, i, [at for axis, at in enumerate(squares) if axis != row - ACCEL_ROWS.start]] = 1.0
+    size = float(np.sqrt(np.mean(weighed.amplitude[own] ** 2)))
+    return np.asarray(size * change[:, own] @ patterns.reshape(len(kind.rows), -1).T)
 
 
 def _remainder(own: Terms, family: Indices, degree: Array, ends: Mask, change: Array, weighed: Weighed) -> Array:
@@ -275,4 +296,6 @@ def describe(one: FoundFamily) -> str:
         subject = f"{_OWNERS[owner]} that are cut off near the ends of their range"
     if what == SIGN:
         subject = f"{_OWNERS[owner]} whose offset changes with the sign of the reading, as by truncation"
+    if what == PRODUCTS:
+        subject = f"{_OWNERS[owner]} by products of rates, otherwise than by lever arms, as if centripetal forces were taken out"
     return f"{subject.replace('_', ' ')}, {one.size / size:.2g} {unit} rms (gain {one.gain:.0f})"

@@ -40,6 +40,7 @@ from kreisel.refinement.term_functions import (
     of_angles,
     of_own_angle,
     polynomials,
+    products_of,
     remembered,
     scales,
     signs,
@@ -78,7 +79,7 @@ class Family:
     @property
     def odds(self) -> float:
         """Odds, before any look at the data, that there are errors of it: few devices follow a field, or truncate."""
-        return RARE_ODDS if self.of in (FIELD, SIGN, RANGE) else ODDS
+        return RARE_ODDS if self.of in (FIELD, SIGN, RANGE, PRODUCTS) else ODDS
 
     @property
     def paired(self) -> bool:
@@ -266,6 +267,8 @@ class DiscrepancyTerms:
             own_rows = tuple(rows[axis] for axis in axes)
             common = {name: quantities[name] for name in names if name in quantities}
             alone = {_SCALE: scales(own, t), RANGE: ends_of_range(own)}
+            if owner == "accelerometer":
+                alone[PRODUCTS] = products_of(rates)
             if in_steps(readings.rates if owner == "gyroscope" else readings.accelerations):
                 alone[SIGN] = signs(own)
             for name, basis in {**common, **alone}.items():
@@ -373,6 +376,10 @@ FIELD = "attitude"
 
 SIGN = "sign"
 """Of a sensor whose readings are truncated to zero."""
+
+PRODUCTS = "products_of_rates"
+"""Of accelerometers whose response to the rotation is not that of a lever arm: a device computes centripetal forces of
+its own, or vibrates the more the faster it turns."""
 
 RANGE = "range"
 """Of a sensor whose readings are cut off near their ends."""

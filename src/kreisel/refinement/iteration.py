@@ -23,7 +23,7 @@ from kreisel.refinement.arm_size import most_likely_size, with_arm_size, with_la
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy, prepared_terms
-from kreisel.refinement.discrepancy_terms import FIELD, DiscrepancyTerms
+from kreisel.refinement.discrepancy_terms import FIELD, PRODUCTS, DiscrepancyTerms
 from kreisel.refinement.effect_selection import Survey, considered, selected, survey, without_needless
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.named_terms import OFFSET_OF
@@ -395,11 +395,11 @@ def _without_needless(first: Problem, passes: _Passes, work: _Work) -> _Passes:
 
 
 def _with_discrepancy(
-    first: Problem, passes: _Passes, work: _Work, left_out: Container[str] = ()
+    first: Problem, passes: _Passes, work: _Work, left_out: Container[str] = (), near: Fit | None = None
 ) -> tuple[_Passes, Discrepancy]:
     """Return the passes with data corrected by terms for errors that are on no list, where the data ask for them.
 
-    left_out: as in `find_discrepancy`.
+    left_out: as in `find_discrepancy`. near: a fit that is nearer than that of the passes, if one is known.
     """
     if passes.problem.settings.passes is not None:
         return passes, Discrepancy()
@@ -415,7 +415,7 @@ def _with_discrepancy(
     def least_noise(problem: Problem) -> float:
         return float(1.0 / max(1.0, *noise_ratios(first, problem)) ** 2)
 
-    found = find_discrepancy(passes.problem, passes.run, work.linear, settle, least_noise, work.terms, left_out)
+    found = find_discrepancy(passes.problem, near or passes.run, work.linear, settle, least_noise, work.terms, left_out)
     if not found.found:
         return passes, found
     if _probability(last) < _probability(passes):
@@ -469,18 +469,21 @@ def _without_walk(
 ) -> tuple[_Passes, Discrepancy]:
     """Return passes and terms without parameters that walk, if terms explain clearly more than their walk does.
 
-    What follows a field that is fixed in the cell looks like a walk before it is known.
+    What follows a field that is fixed in the cell, or products of rates, looks like a walk before it is known.
 
     before, after: the passes without and with the terms that were found.
     """
-    followed = {OFFSET_OF.get(one.family.owner) for one in found.found if one.family.of == FIELD}
+    followed = {OFFSET_OF.get(one.family.owner) for one in found.found if one.family.of in (FIELD, PRODUCTS)}
     if not followed & set(before.walk_gain):
         return after, found
-    noise = replace(before.problem.noise, offset_walk=first.noise.offset_walk)
-    problem = with_noise_of(first, replace(before.problem, noise=noise))
-    steady = replace(_until_settled(problem, after.count, work, before.run), survey=before.survey)
-    again, terms = _with_discrepancy(first, steady, work)
-    return (again, terms) if _probability(again) > _probability(after) + _CLEARLY else (after, found)
+    steady, corrected = (
+        with_noise_of(first, replace(one, noise=replace(one.noise, offset_walk=first.noise.offset_walk)))
+        for one in (before.problem, after.problem)
+    )
+    near = _until_settled(corrected, after.count, work, after.run)
+    again, terms = _with_discrepancy(first, replace(before, problem=steady, count=near.count), work, near=near.run)
+    clearly = bool(terms.found) and _probability(again) > _probability(after) + _CLEARLY
+    return (again, terms) if clearly else (after, found)
 
 
 def _with_arm_size(passes: _Passes, work: _Work) -> _Passes:

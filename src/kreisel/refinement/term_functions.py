@@ -54,12 +54,15 @@ class Basis:
     apart
         Whether they are no error of axes or offsets, though over a recording they may look like one: nothing is taken
         out of them.
+    alike
+        Whether amplitudes are expected to be alike as the functions are, instead of each over its rms.
     """
 
     of: Callable[[Indices], Array]
     degree: Array
     last: Mask | None = None
     apart: bool = False
+    alike: bool = False
 
     @property
     def ends(self) -> Mask:
@@ -80,7 +83,7 @@ class Functions:
     share : (j, k)
         How much of each is in the functions.
     scale : (k,)
-        Rms of the functions.
+        By what the functions are divided: the rms of each, or of all.
     degree, ends : (k,)
         As of their basis.
     kept : (k,)
@@ -141,7 +144,8 @@ class Usual:
         share = np.zeros((self._columns.shape[1], values.shape[1])) if basis.apart else self._inverse @ values
         rms = np.sqrt(np.mean((values - self._columns @ share) ** 2, axis=0))
         kept = np.flatnonzero(rms > _LEAST * np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-300))
-        return Functions(basis.of, self.of, share, rms[kept], basis.degree[kept], basis.ends[kept], kept)
+        scale = np.full(kept.size, float(np.sqrt(np.mean(rms**2)))) if basis.alike else rms[kept]
+        return Functions(basis.of, self.of, share, scale, basis.degree[kept], basis.ends[kept], kept)
 
 
 def some(count: int) -> Indices:
@@ -185,6 +189,12 @@ def ends_of_range(own: Array) -> Basis:
         return np.stack(beyond, axis=2).reshape(which.size, -1)
 
     return Basis(values, np.ones(2 * own.shape[1]), apart=True)
+
+
+def products_of(rates: Array) -> Basis:
+    """Return products of two rates (n, 3), squares too."""
+    products = np.column_stack([rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)])
+    return Basis(products.__getitem__, np.ones(products.shape[1]), apart=True, alike=True)
 
 
 def signs(own: Array) -> Basis:
