@@ -297,5 +297,5 @@ def describe(one: FoundFamily) -> str:
     if what == SIGN:
         subject = f"{_OWNERS[owner]} whose offset changes with the sign of the reading, as by truncation"
     if what == PRODUCTS:
-        subject = f"{_OWNERS[owner]} by products of rates, other than lever arms, as if centripetal forces were taken out"
+        subject = f"{_OWNERS[owner]} by products of rates, as if a device took out centripetal forces"
     return f"{subject.replace('_', ' ')}, {one.size / size:.2g} {unit} rms (gain {one.gain:.0f})"
