@@ -234,9 +234,10 @@ class DiscrepancyTerms:
         rates, forces = grid.average(readings.rates), grid.average(readings.accelerations)
         t = grid.average(readings.stamps[:, None])[:, 0]
         alpha, jerk = np.gradient(rates, t, axis=0), np.gradient(forces, t, axis=0)
-        # a gyro has no lever arm: by its axes, angular accelerations and products of rates are errors of its own
-        usual = {"gyroscope": np.column_stack([np.ones(t.size), rates, forces])}
-        usual["accelerometer"] = linear_columns(rates, forces, alpha)
+        # what the model does not have is not taken out: a gyro has no lever arm, an accelerometer does not feel rates
+        one = np.ones((t.size, 1))
+        usual = {"gyroscope": np.hstack([one, rates, forces]), _OF_RATES: np.hstack([one, rates])}
+        usual["accelerometer"] = np.hstack([one, linear_columns(rates, forces, alpha)[:, 4:]])
         for columns in usual.values():
             columns *= t.size**0.5 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         known = {owner: Usual(columns.__getitem__, t.size) for owner, columns in usual.items()}
@@ -272,7 +273,8 @@ class DiscrepancyTerms:
             if in_steps(readings.rates if owner == "gyroscope" else readings.accelerations):
                 alone[SIGN] = signs(own)
             for name, basis in {**common, **alone}.items():
-                usual_of = (drifting if name in _DRIFTS else known)[owner]
+                of_rates = owner == "gyroscope" and name in ("rate", "angular_acceleration")
+                usual_of = known[_OF_RATES] if of_rates else (drifting if name in _DRIFTS else known)[owner]
                 functions = usual_of.without(basis, values.get(name))
                 if name not in alone or functions.kept.size == basis.degree.size:
                     self._add(Family(owner, name, own_rows), functions)
@@ -370,6 +372,9 @@ class DiscrepancyTerms:
 
 
 _OWN_ANGLE, _SCALE = "own_angle", "scale_by_time"
+
+_OF_RATES = "gyroscope by rates"
+"""Of gyros by their rates: what they have in common with forces, as on an arm of the hand, is no response to these."""
 
 FIELD = "attitude"
 """What the error of a sensor depends on that follows a field fixed in the cell."""
