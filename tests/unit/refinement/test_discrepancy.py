@@ -88,7 +88,7 @@ def test_what_the_series_leave_out_is_a_contribution():
     part = outcome.problem.layout["gyro_cross_coupling"]
     deviation = np.sqrt(own.variance[part])
     assert np.all(deviation > 0.0)
-    assert np.median(deviation) < 0.1 * SIZE  # of a rate of about one
+    assert np.median(deviation) < 0.2 * SIZE  # of a rate of about one
 
 
 def test_what_was_recorded_is_kept():
