@@ -59,6 +59,10 @@ _CLEARLY = 50.0
 """Gain of log-likelihood with which terms take the place of a walk. Chosen: they have some forty amplitudes, a walk has
 one size."""
 
+_MUCH = 500.0
+"""Gain of products of rates from which walks are tried without. Chosen: it was 3,200 and more where a device takes out
+centripetal forces, and 45 to 270 where offsets follow a motor's current."""
+
 MIN_LIKELIHOOD_GAIN = 5.0
 """Minimum gain of log-likelihood with which coloured noise is assumed."""
 
@@ -473,11 +477,13 @@ def _without_walk(
 
     before, after: the passes without and with the terms that were found.
     """
-    followed = {OFFSET_OF.get(one.family.owner) for one in found.found if one.family.of in (FIELD, PRODUCTS)}
+    alone = [one for one in found.found if one.family.of == FIELD or (one.family.of == PRODUCTS and one.gain > _MUCH)]
+    followed = {OFFSET_OF.get(one.family.owner) for one in alone}
     if not followed & set(before.walk_gain):
         return after, found
+    usual = {group: walk for group, walk in first.noise.offset_walk.items() if group in followed}
     steady, corrected = (
-        with_noise_of(first, replace(one, noise=replace(one.noise, offset_walk=first.noise.offset_walk)))
+        with_noise_of(first, replace(one, noise=replace(one.noise, offset_walk={**one.noise.offset_walk, **usual})))
         for one in (before.problem, after.problem)
     )
     near = _until_settled(corrected, after.count, work, after.run)
