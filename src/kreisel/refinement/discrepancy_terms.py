@@ -234,10 +234,10 @@ class DiscrepancyTerms:
         rates, forces = grid.average(readings.rates), grid.average(readings.accelerations)
         t = grid.average(readings.stamps[:, None])[:, 0]
         alpha, jerk = np.gradient(rates, t, axis=0), np.gradient(forces, t, axis=0)
-        # what the model does not have is not taken out: a gyro has no lever arm, an accelerometer does not feel rates
+        # a gyro has no lever arm: by its axes, angular accelerations and products of rates are errors of its own
         one = np.ones((t.size, 1))
         usual = {"gyroscope": np.hstack([one, rates, forces]), _OF_RATES: np.hstack([one, rates])}
-        usual["accelerometer"] = np.hstack([one, linear_columns(rates, forces, alpha)[:, 4:]])
+        usual["accelerometer"] = linear_columns(rates, forces, alpha)
         for columns in usual.values():
             columns *= t.size**0.5 / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         known = {owner: Usual(columns.__getitem__, t.size) for owner, columns in usual.items()}

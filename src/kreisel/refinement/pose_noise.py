@@ -13,6 +13,10 @@ _STEPS, _SETTLED = 12, 0.02
 _LEFT_OUT, _SMALLEST = 0.02, 0.02
 """Share of the updates, those with the largest products, that does not count; of a variance that a step leaves."""
 
+_RANGE = (1e-2, 1e4)
+"""Of variances, in units of what is assumed. Chosen: noise is adapted again in the next pass; far below, the motion
+alone would be left of a covariance, which has no inverse."""
+
 
 def pose_factors(history: History, rows: Mask, deviations: tuple[float, float], stamps: Array) -> tuple[float, float]:
     """Return the factors between observed and assumed noise of positions and orientations, that of stamps known.
@@ -45,11 +49,11 @@ def pose_factors(history: History, rows: Mask, deviations: tuple[float, float], 
     for _ in range(_STEPS):
         before = variances
         found = _scored(innovation, residual, of_poses, of_stamps, before)
-        variances = np.maximum(found, _SMALLEST * before)
+        variances = np.clip(found, np.maximum(_SMALLEST * before, _RANGE[0]), _RANGE[1])
         if np.all(np.abs(variances - before) < _SETTLED * variances):
             break
     factors = np.ones(2)
-    factors[kinds] = np.sqrt(np.clip(variances, 1e-2, 1e4))
+    factors[kinds] = np.sqrt(variances)
     return float(factors[0]), float(factors[1])
 
 

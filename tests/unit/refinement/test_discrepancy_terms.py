@@ -59,7 +59,7 @@ def test_terms_serve_what_has_the_same_data_and_sensors():
     [
         ("gyroscope.rate", ["rates"]),
         ("gyroscope.acceleration", ["rates", "accelerations"]),
-        ("accelerometer.jerk", ["accelerations"]),
+        ("accelerometer.jerk", ["rates", "accelerations"]),
     ],
 )
 def test_readings_are_corrected_by_nothing_that_the_usual_model_has(name, has):
