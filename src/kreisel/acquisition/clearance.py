@@ -14,8 +14,7 @@ import numpy as np
 from kreisel.acquisition.movers import Mover
 from kreisel.acquisition.preflight import CHECKED, approach_share
 from kreisel.errors import RobotError, SettingsError
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.robot.description import Arm
 from kreisel.robot.kinematics import poses, skeleton
 from kreisel.robot.program import Program

@@ -12,8 +12,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.robot.description import Arm
 from kreisel.robot.kinematics import poses
 

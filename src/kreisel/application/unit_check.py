@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import lengths
 from kreisel.inertial.counts import Counts
 from kreisel.recording.header import NO_UNITS
 from kreisel.recording.recording import ImuSamples

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.array.hand_motion import HandMotion
-from kreisel.geometry.rotation import Array, exp, matrix
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, exp, lengths, matrix
 
 _JERK, _ANGULAR_JERK = 5e3, 6e4
 """m/s^3 and rad/s^3: usual sizes of what changes within a sample, as a prior. Chosen: those of the quickest shaking by

@@ -13,8 +13,7 @@ from kreisel.array.resampled import resampled, white_noise
 from kreisel.array.sudden_change import SuddenChange, sudden_change
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, Mask, nearest_rotation
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Mask, lengths, nearest_rotation
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.slopes import local_cubics, usual_interval
 from kreisel.recording.recording import ImuSamples

@@ -18,8 +18,7 @@ from kreisel.array.resampled import clipped_samples, resampled
 from kreisel.array.unit_clock import BASES, clock_of
 from kreisel.calibration.result import Calibration
 from kreisel.errors import KreiselError, RecordingError, SynchronizationError
-from kreisel.geometry.rotation import Array, nearest_rotation
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths, nearest_rotation
 from kreisel.inertial.noise_figures import high_frequency_density
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.progress import Progress

@@ -9,8 +9,7 @@ import numpy as np
 from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause
 from kreisel.estimation.consistency import MAX_REJECTED_IN_A_ROW
-from kreisel.geometry.rotation import Array, Mask
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Mask, lengths
 from kreisel.inertial.noise_figures import coarse_step
 from kreisel.model.considered_terms import describe
 from kreisel.model.problem import Problem

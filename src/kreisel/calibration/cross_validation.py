@@ -13,8 +13,7 @@ from types import MappingProxyType
 from kreisel.calibration.evidence import CrossValidation, Drift
 from kreisel.fitting.fit import Fit
 from kreisel.fitting.partition import nearest_end
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.model.layout import without
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, part_of

@@ -13,8 +13,7 @@ from typing import Literal
 import numpy as np
 
 from kreisel.calibration.result_sections import Measured
-from kreisel.geometry.rotation import Array, from_matrix, log, nearest_rotation
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, from_matrix, lengths, log, nearest_rotation
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.units import DEG, DEG_PER_HOUR, MG, MM, MRAD, PPM
 

@@ -16,8 +16,7 @@ from kreisel.calibration.lack_of_fit import larger_deviations, within_subsets
 from kreisel.estimation.consistency import chi_square_bound
 from kreisel.estimation.uncertainty import Contribution
 from kreisel.estimation.uncertainty_budget import Source
-from kreisel.geometry.rotation import Array, Indices, Mask
-from kreisel.geometry.vectors import lengths, mean_row
+from kreisel.geometry.rotation import Array, Indices, Mask, lengths, mean_row
 from kreisel.inertial.readings import Readings
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import PASSING_GROUPS, SENSOR_GROUPS

@@ -18,8 +18,7 @@ from kreisel.exchange.exported import Exported, ExportRequest
 from kreisel.exchange.imported import imported
 from kreisel.exchange.losses import losses, without_effects_of
 from kreisel.files import read_text
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.inertial.sensor_model import SensorParameters
 
 _FLOAT = 9

@@ -25,8 +25,7 @@ from kreisel.exchange.kalibr_model import (
     triangle_of,
     uncoupled,
 )
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.inertial.sensor_model import size_effect
 from kreisel.units import DEG, STANDARD_GRAVITY
 

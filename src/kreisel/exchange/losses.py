@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, skew
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths, skew
 from kreisel.inertial.effects import OF_CHANGE, RawReadings, added
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.groups import group_named

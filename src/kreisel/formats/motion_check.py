@@ -12,8 +12,7 @@ from kreisel.formats.mapped import stamps_of
 from kreisel.formats.mapping import parse_time
 from kreisel.formats.rotation_forms import quaternions_of
 from kreisel.formats.sheet import Sheet
-from kreisel.geometry.rotation import Array, apply, nearest_rotation
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, apply, lengths, nearest_rotation
 from kreisel.inertial.readings import Readings
 from kreisel.recording.recording import ImuSamples, ReferencePoses, Stamps
 from kreisel.synchronization.clock import Clock

@@ -13,8 +13,7 @@ from kreisel.errors import RecordingError
 from kreisel.formats.column_names import OF_A_REFERENCE, Group, groups_of, known_unit, read_name
 from kreisel.formats.sheet import Sheet
 from kreisel.formats.time_columns import called
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.recording.header import UNITS
 from kreisel.units import DEG, STANDARD_GRAVITY
 

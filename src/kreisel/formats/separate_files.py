@@ -12,7 +12,7 @@ from kreisel.errors import RecordingError
 from kreisel.formats.readings_in_tables import numbers, text_of
 from kreisel.formats.sheet import Sheet
 from kreisel.formats.time_columns import SLOWEST_IMU, times_of
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import lengths
 from kreisel.units import STANDARD_GRAVITY
 
 _AXIS = re.compile(r"(?:.*[^a-z])?([xyz])(?:[^a-z].*)?")

@@ -1,17 +1,26 @@
-"""Exponential and logarithm, products and actions of rotations."""
+"""Exponential and logarithm, products and actions of rotations; lengths of vectors."""
 
 from __future__ import annotations
 
 from itertools import permutations, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kreisel.geometry.vectors import lengths
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+
+def lengths(vectors: NDArray[np.floating[Any]]) -> Array:
+    """Return the lengths (...) of vectors (..., n); several times as fast as `np.linalg.norm` for short ones."""
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
+
+
+def mean_row(values: Array) -> Array:
+    """Return the mean of rows (n, k), (k,); the product with a row is faster than a sum along the long axis."""
+    return np.asarray(np.full(len(values), 1.0 / max(len(values), 1)) @ values)
 
 
 def exp(theta: ArrayLike) -> Array:

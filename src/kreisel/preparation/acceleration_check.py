@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.estimation.robust import cauchy_weights, vector_scale
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.reference_noise import white_noise
 from kreisel.synchronization.windows import variance_by_noise

@@ -13,8 +13,7 @@ import numpy as np
 
 from kreisel._kernels import unit_forces
 from kreisel.estimation.robust import cauchy_weights, vector_scale
-from kreisel.geometry.rotation import Array, nearest_rotation
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths, nearest_rotation
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.preparation.preparation import AccelerationWindows, AccelerometerFit
 from kreisel.synchronization.fits import RateFit

@@ -14,11 +14,11 @@ from kreisel.geometry.rotation import (
     conjugate,
     exp,
     from_matrix,
+    lengths,
     log,
     multiply,
     nearest_rotation,
 )
-from kreisel.geometry.vectors import lengths
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.preparation.preparation import AccelerometerFit, Preparation
 from kreisel.recording.recording import ReferencePoses

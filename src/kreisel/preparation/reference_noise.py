@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.estimation.robust import vector_scale
-from kreisel.geometry.rotation import Array, conjugate, log, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, conjugate, lengths, log, multiply
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import Standstill
 from kreisel.recording.recording import ReferencePoses

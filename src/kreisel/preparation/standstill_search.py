@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.geometry.interpolation import continuous, running_mean
-from kreisel.geometry.rotation import Array, Mask
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Mask, lengths
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import ImuStillness, OutsideStandstill, Standstill
 from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, chunks

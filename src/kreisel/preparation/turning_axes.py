@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, conjugate, log, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, conjugate, lengths, log, multiply
 from kreisel.recording.recording import ReferencePoses
 
 _SECONDS, _MIN_TURNS = 0.5, 40

@@ -10,8 +10,7 @@ from kreisel.calibration.evidence import CrossValidation, Drift, Injection, Spli
 from kreisel.calibration.outcome import Outcome
 from kreisel.estimation.consistency import autocorrelation, chi_square_bound, mean_normalised, normalised_bounds
 from kreisel.fitting.update_history import History
-from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, log, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, lengths, log, multiply
 from kreisel.inertial.sensor_model import correct_angular_rate
 from kreisel.inertial.strapdown import raw_readings, without_effects
 from kreisel.report.thinning import Curve, Envelope, Single, enveloped_axes, every, thinned, thinned_axes

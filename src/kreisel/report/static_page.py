@@ -10,8 +10,7 @@ import numpy as np
 
 from kreisel.calibration.data_sheet import OF_A_REFERENCE, QUANTITIES
 from kreisel.calibration.result_sections import CalibrationParts
-from kreisel.geometry.rotation import Array, nearest_rotation
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths, nearest_rotation
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, number, pair
 from kreisel.report.plots import Figure

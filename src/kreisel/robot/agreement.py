@@ -13,8 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, conjugate, log, matrix, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, conjugate, lengths, log, matrix, multiply
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm
 

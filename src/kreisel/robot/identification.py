@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, from_two_vectors, log, matrix, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, from_two_vectors, lengths, log, matrix, multiply
 from kreisel.robot.arm_library import LIBRARY, LibraryArm, Tool
 
 _STILL = 3e-4

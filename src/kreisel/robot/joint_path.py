@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.errors import RobotError
-from kreisel.geometry.rotation import Array, Indices, conjugate, log, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Indices, conjugate, lengths, log, multiply
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RobotError
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.robot import kinematics
 from kreisel.robot.cubics import Piecewise
 from kreisel.robot.description import Arm

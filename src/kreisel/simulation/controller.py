@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel._kernels import recursions
-from kreisel.geometry.rotation import Array, exp, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, exp, lengths, multiply
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm
 from kreisel.robot.motion import Plan, Timeline

@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.polynomial.hermite_e import hermegauss
 
-from kreisel.geometry.rotation import Array, exp, matrix
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, exp, lengths, matrix
 from kreisel.inertial.noise_figures import Grade
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.robot.motion import Timeline

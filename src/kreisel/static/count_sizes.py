@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, nearest_rotation, skew
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths, nearest_rotation, skew
 from kreisel.inertial.counts import Counts
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.strapdown import raw_readings

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, right_angle_turns
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths, right_angle_turns
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.model.parameters import CellParameters
 from kreisel.static.rest_problem import RestProblem, begun

@@ -14,8 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from kreisel.errors import KreiselError, RecordingError, SettingsError
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.progress import Progress
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.static.guide_plans import CANDIDATES, FACES, FLAT, PLANS, SAME, Seen, angles, directions, seen

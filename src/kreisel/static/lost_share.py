@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import lengths
 from kreisel.recording.recording import ImuSamples
 from kreisel.static.rests import Rests
 

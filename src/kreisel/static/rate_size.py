@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, apply, conjugate, exp, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, apply, conjugate, exp, lengths, multiply
 from kreisel.recording.recording import ImuSamples
 from kreisel.static.rests import Rests
 

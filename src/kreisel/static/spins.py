@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Indices, from_two_vectors, matrix
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Indices, from_two_vectors, lengths, matrix
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.static.rest_problem import RestProblem
 

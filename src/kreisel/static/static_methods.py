@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.errors import RecordingError, SettingsError, unknown_name
-from kreisel.geometry.rotation import Array, Indices, Mask
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Indices, Mask, lengths
 from kreisel.inertial.counts import Counts
 from kreisel.model.parameters import CellParameters
 from kreisel.recording.recording import DataWarning, ImuSamples, TableAngles

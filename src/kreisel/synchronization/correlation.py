@@ -15,8 +15,7 @@ import numpy as np
 
 from kreisel.errors import SynchronizationError
 from kreisel.estimation.robust import cauchy_weights
-from kreisel.geometry.rotation import Array, Mask
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Mask, lengths
 from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, angles_over, chunks, excerpt
 from kreisel.synchronization.clock import MAX_SKEW, Clock
 from kreisel.synchronization.fits import Correlation

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kreisel.geometry.interpolation import running_mean
-from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, exp, log, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Indices, Mask, apply, conjugate, exp, lengths, log, multiply
 from kreisel.inertial.readings import Readings, attitudes_at
 from kreisel.inertial.strapdown import linear_rate
 from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, Stamps

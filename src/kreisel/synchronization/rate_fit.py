@@ -16,8 +16,7 @@ from kreisel._kernels.rotation_fit import RateSignal, compare_rotations
 from kreisel.errors import SynchronizationError
 from kreisel.estimation.robust import cauchy_weights, vector_scale
 from kreisel.geometry.interpolation import running_mean
-from kreisel.geometry.rotation import Array, conjugate, log, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, conjugate, lengths, log, multiply
 from kreisel.inertial.readings import Readings
 from kreisel.inertial.strapdown import InertialSignal, integrate_attitude, linear_rate
 from kreisel.recording.recording import ReferencePoses

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from kreisel.geometry.interpolation import running_mean
-from kreisel.geometry.rotation import Array, Indices, Mask
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Indices, Mask, lengths
 from kreisel.inertial.readings import Readings
 from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.fits import RateFit

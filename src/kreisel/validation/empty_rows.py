@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, Mask
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Mask, lengths
 from kreisel.recording.location import at, fault, rows
 from kreisel.recording.recording import (
     NO_STAMP,

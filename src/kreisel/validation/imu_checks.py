@@ -13,8 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.recording.header import UNITS
 from kreisel.recording.location import is_table, wrong_unit
 from kreisel.recording.recording import DataWarning, ImuSamples, excerpt

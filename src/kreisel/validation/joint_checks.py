@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.errors import RecordingError, RobotError
-from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, log, multiply
-from kreisel.geometry.vectors import lengths
+from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, lengths, log, multiply
 from kreisel.recording.location import is_table
 from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
 from kreisel.robot import kinematics

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kreisel.geometry.vectors import lengths, mean_row
+from kreisel.geometry.rotation import lengths, mean_row
 
 
 @pytest.mark.parametrize("shape", [(3,), (7, 3), (2, 5, 3), (4, 2), (0, 3)])
