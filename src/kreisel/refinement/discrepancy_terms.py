@@ -251,7 +251,7 @@ class DiscrepancyTerms:
             "jerk": changes(jerk, np.gradient(jerk, t, axis=0)),
             "past_rate": polynomials(memories[0].__getitem__, t.size, 2),
             "past_acceleration": polynomials(memories[1].__getitem__, t.size, 2),
-            "time": waves(t),
+            TIME: waves(t),
         }
         if readings.temperature_difference is not None:
             difference = grid.average(readings.temperature_difference[:, None])
@@ -389,19 +389,22 @@ its own, or vibrates the more the faster it turns."""
 RANGE = "range"
 """Of a sensor whose readings are cut off near their ends."""
 
-_DRIFTS = ("past_rate", "past_acceleration", "time", "temperature")
+TIME = "time"
+"""What an error depends on that drifts."""
+
+_DRIFTS = ("past_rate", "past_acceleration", TIME, "temperature")
 """What a sensor's drifts depend on."""
 
 _SENSORS: dict[str, tuple[str, range, Sequence[str]]] = {
     "gyroscope": (
         "gyro_offset",
         GYRO_ROWS,
-        ("rate", "acceleration", "angular_acceleration", FIELD, "past_rate", "time", "temperature"),
+        ("rate", "acceleration", "angular_acceleration", FIELD, "past_rate", TIME, "temperature"),
     ),
     "accelerometer": (
         "accel_offset",
         ACCEL_ROWS,
-        ("rate", "acceleration", "jerk", FIELD, "past_acceleration", "time", "temperature"),
+        ("rate", "acceleration", "jerk", FIELD, "past_acceleration", TIME, "temperature"),
     ),
 }
 """By sensor: its offset, in which its terms enter, axis by axis, its rows, and what its error may depend on."""

@@ -23,7 +23,7 @@ from kreisel.refinement.arm_size import most_likely_size, with_arm_size, with_la
 from kreisel.refinement.attenuation import pull_of_noise, without_attenuation
 from kreisel.refinement.correlated_innovations import bounded_likelihood, correlation_factor
 from kreisel.refinement.discrepancy import Discrepancy, find_discrepancy, prepared_terms
-from kreisel.refinement.discrepancy_terms import FIELD, PRODUCTS, DiscrepancyTerms
+from kreisel.refinement.discrepancy_terms import FIELD, PRODUCTS, TIME, DiscrepancyTerms
 from kreisel.refinement.effect_selection import Survey, considered, selected, survey, without_needless
 from kreisel.refinement.estimate import Estimate
 from kreisel.refinement.named_terms import OFFSET_OF
@@ -474,6 +474,7 @@ def _without_walk(
     """Return passes and terms without parameters that walk, if terms explain clearly more than their walk does.
 
     What follows a field that is fixed in the cell, or products of rates, looks like a walk before it is known.
+    Functions of time would only be another walk.
 
     before, after: the passes without and with the terms that were found.
     """
@@ -487,7 +488,7 @@ def _without_walk(
         for one in (before.problem, after.problem)
     )
     near = _until_settled(corrected, after.count, work, after.run)
-    again, terms = _with_discrepancy(first, replace(before, problem=steady, count=near.count), work, near=near.run)
+    again, terms = _with_discrepancy(first, replace(before, problem=steady, count=near.count), work, (TIME,), near.run)
     clearly = bool(terms.found) and _probability(again) > _probability(after) + _CLEARLY
     return (again, terms) if clearly else (after, found)
 
