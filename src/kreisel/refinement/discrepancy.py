@@ -7,7 +7,7 @@ corrected by them, and the usual parameters found again; what the terms leave un
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -36,6 +36,10 @@ lie within two deviations, of which at least one is right. On average 0.15 to 0.
 of it is: with half as much three more of 104 random runs were accepted beyond four deviations. Whose error it is, a
 sensor's or the reference's, a recording does not tell: an arm that sways looks like an accelerometer that responds to
 jerk."""
+
+_FAINT = 100.0
+"""Gain of products of rates below which they are not looked for. Chosen: it was thousands where a device takes out
+centripetal forces, a quarter of them too, and 14 to 64 where they stood for errors of something else."""
 
 _DEPENDENT = 1e-3
 """Share of the largest mean square of functions in a span, below which one is a sum of the others."""
@@ -108,7 +112,7 @@ def find_discrepancy(
     settle: Settle,
     least_noise: Callable[[Problem], float],
     prepared: DiscrepancyTerms | None = None,
-    left_out: Container[str] = (),
+    left_out: Sequence[str] = (),
 ) -> Discrepancy:
     """Return what the data ask for. The last problem that was settled is without it.
 
@@ -144,6 +148,8 @@ def find_discrepancy(
         family, weight = np.searchsorted(worth, terms.family[own]), terms.weight[own]
         whole = _about_zero(linear.about(every.some(own)), amplitude[own])
         weighed = weigh(whole, family, weight, least)
+        if any(terms.families[worth[f]].of == PRODUCTS and weighed.gain[f] < _FAINT for f in weighed.families):
+            return find_discrepancy(recorded, near, linearise, settle, least_noise, terms, (*left_out, PRODUCTS))
         if not weighed.chosen.any() or (amplitude.any() and _moved(whole, weighed, amplitude[own]) < _MOVED):
             break
         amplitude[own] = weighed.amplitude

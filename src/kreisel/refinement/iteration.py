@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -399,7 +399,7 @@ def _without_needless(first: Problem, passes: _Passes, work: _Work) -> _Passes:
 
 
 def _with_discrepancy(
-    first: Problem, passes: _Passes, work: _Work, left_out: Container[str] = (), near: Fit | None = None
+    first: Problem, passes: _Passes, work: _Work, left_out: Sequence[str] = (), near: Fit | None = None
 ) -> tuple[_Passes, Discrepancy]:
     """Return the passes with data corrected by terms for errors that are on no list, where the data ask for them.
 
