@@ -128,14 +128,18 @@ def test_an_effect_that_must_not_be_estimated_is_not():
     assert "accel_delay" not in {effect.group for effect in outcome.estimate.considered}
 
 
+def random_outcome(number):
+    """Return the truth, and what the calibration of a random situation finds."""
+    cell = Cell.model_validate({**random_situation(number).cell, "seed": number})
+    truth, recording = simulate(cell, Path("cell"))
+    return truth, run_calibration(check_streams(recording), CalibrationSettings())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [68392, 68787])
 def test_effects_that_errors_on_no_list_hide_are_found(number):
     """Terms by rate and angular acceleration had stood for the response to force; offsets were 5 deviations off."""
-    situation = random_situation(number)
-    cell = Cell.model_validate({**situation.cell, "seed": number})
-    truth, recording = simulate(cell, Path("cell"))
-    outcome = run_calibration(check_streams(recording), CalibrationSettings())
+    truth, outcome = random_outcome(number)
     included = {effect.group for effect in outcome.estimate.considered if effect.included}
     assert "gyro_g_sensitivity" in included
     assert not any(one.family.name.startswith("gyroscope") for one in outcome.estimate.discrepancy)
@@ -191,9 +195,7 @@ def test_offsets_that_follow_a_field_in_the_cell_do_not_walk():
 @pytest.mark.slow
 def test_errors_of_cameras_at_two_rests_do_not_decide_the_mount():
     """2 mrad by place and attitude; the rests were taken for exact, and the mount was 1.1 mrad off, 11 deviations."""
-    cell = Cell.model_validate({**random_situation(69487).cell, "seed": 69487})
-    truth, recording = simulate(cell, Path("cell"))
-    outcome = run_calibration(check_streams(recording), CalibrationSettings())
+    truth, outcome = random_outcome(69487)
     assert outcome.verdict.accepted
     found, sd = outcome.calibration.sensors.K_omega, outcome.calibration.sensor_sd.K_omega
     assert np.abs((found - truth.sensors.K_omega) / sd).max() < 4.0
@@ -202,9 +204,7 @@ def test_errors_of_cameras_at_two_rests_do_not_decide_the_mount():
 @pytest.mark.slow
 def test_a_response_to_acceleration_that_larger_errors_hide_is_no_field():
     """Accelerometers 17 mg off hid it; a field took its share, and an offset of the gyros was 5 deviations off."""
-    cell = Cell.model_validate({**random_situation(80931).cell, "seed": 80931})
-    truth, recording = simulate(cell, Path("cell"))
-    outcome = run_calibration(check_streams(recording), CalibrationSettings())
+    truth, outcome = random_outcome(80931)
     assert outcome.verdict.accepted
     assert "gyro_g_sensitivity" in outcome.problem.groups
     found, sd = outcome.calibration.sensors.k_w[0], outcome.calibration.sensor_sd.k_w[0]

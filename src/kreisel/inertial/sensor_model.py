@@ -105,8 +105,13 @@ def linear_columns(rates: Array, accelerations: Array, angular_accelerations: Ar
 
     Columns: one, rates, accelerations, angular accelerations (n, 3), and products of rates.
     """
-    products = [rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)]
-    return np.column_stack([np.ones(len(rates)), rates, accelerations, angular_accelerations, *products])
+    products = rate_products(rates)
+    return np.column_stack([np.ones(len(rates)), rates, accelerations, angular_accelerations, products])
+
+
+def rate_products(rates: Array) -> Array:
+    """Return the products of two of the rates (n, 3), squares too: xx, xy, xz, yy, yz, zz, (n, 6)."""
+    return np.column_stack([rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)])
 
 
 def size_effect(

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from kreisel.fitting.terms import ACCEL_ROWS, GYRO_ROWS, POSE_ROWS, Terms
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, exp, log, matrix, multiply
-from kreisel.inertial.sensor_model import linear_columns
+from kreisel.inertial.sensor_model import linear_columns, rate_products
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem, with_readings
 from kreisel.model.schedule import Schedule
@@ -40,7 +40,6 @@ from kreisel.refinement.term_functions import (
     of_angles,
     of_own_angle,
     polynomials,
-    products_of,
     remembered,
     scales,
     signs,
@@ -269,7 +268,8 @@ class DiscrepancyTerms:
             common = {name: quantities[name] for name in names if name in quantities}
             alone = {_SCALE: scales(own, t), RANGE: ends_of_range(own)}
             if owner == "accelerometer":
-                alone[PRODUCTS] = products_of(rates)
+                products = rate_products(rates)
+                alone[PRODUCTS] = Basis(products.__getitem__, np.ones(products.shape[1]), apart=True, alike=True)
             if in_steps(readings.rates if owner == "gyroscope" else readings.accelerations):
                 alone[SIGN] = signs(own)
             for name, basis in {**common, **alone}.items():

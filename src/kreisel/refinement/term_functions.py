@@ -191,12 +191,6 @@ def ends_of_range(own: Array) -> Basis:
     return Basis(values, np.ones(2 * own.shape[1]), apart=True)
 
 
-def products_of(rates: Array) -> Basis:
-    """Return products of two rates (n, 3), squares too."""
-    products = np.column_stack([rates[:, i] * rates[:, k] for i in range(3) for k in range(i, 3)])
-    return Basis(products.__getitem__, np.ones(products.shape[1]), apart=True, alike=True)
-
-
 def signs(own: Array) -> Basis:
     """Return the signs of own readings (n, 3), axis by axis: what is truncated to zero lacks half a step."""
     return Basis(lambda which: np.sign(own[which]), np.ones(own.shape[1]), apart=True)

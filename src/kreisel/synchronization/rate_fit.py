@@ -6,7 +6,7 @@ The rotation of the reference over short times (noisy) is regressed on the integ
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
@@ -114,8 +114,7 @@ def explained_share(readings: Readings, tau: Array, q: Array, clock: Clock) -> f
 
 def fit_linear_rates(readings: Readings, tau: Array, q: Array, clock: Clock) -> tuple[Array, float]:
     """Return the matrix (3, 3) of readings that explains the reference's rotation best, and the share it explains."""
-    parts = (_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]])))
-    solution, share = _linear_fit(parts, _short(tau, q), clock)
+    solution, share = _linear_fit(_excerpt(readings, tau, clock), _short(tau, q), clock)
     return solution[:3].T.copy(), share
 
 
@@ -145,9 +144,13 @@ class LinearFit:
     @classmethod
     def of(cls, readings: Readings, tau: Array, q: Array, clock: Clock) -> LinearFit:
         """Return the fit to a reference's attitudes q (m, 4) at seconds tau (m,)."""
-        rotations = _long(tau, q)
-        parts = [_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]]))]
+        rotations, parts = _long(tau, q), list(_excerpt(readings, tau, clock))
         return cls(parts, rotations, clock, *_linear_fit(parts, rotations, clock))
+
+
+def _excerpt(readings: Readings, tau: Array, clock: Clock) -> Iterator[_Integrated]:
+    """Yield chunks of readings, spread evenly over a reference's time."""
+    return (_Integrated.of(part) for part in readings.excerpt(*clock.imu_time(tau[[0, -1]])))
 
 
 def _linear_fit(parts: Iterable[_Integrated], rotations: _Rotations, clock: Clock) -> tuple[Array, float]:
@@ -341,8 +344,7 @@ def steps_between(readings: Readings, tau: Array, q: Array, fit: RateFit) -> Com
     Of a long recording, in chunks spread evenly.
     """
     rotations = rotations_between(tau, q, float(np.median(np.diff(tau))))
-    parts = (_Integrated.of(part) for part in readings.excerpt(*fit.clock.imu_time(tau[[0, -1]])))
-    return _compare(parts, rotations, fit.K_omega, fit.rate_at_zero, fit.clock)
+    return _compare(_excerpt(readings, tau, fit.clock), rotations, fit.K_omega, fit.rate_at_zero, fit.clock)
 
 
 def _clock_drift(seen: Comparison) -> Array:

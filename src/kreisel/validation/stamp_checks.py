@@ -29,10 +29,7 @@ _BITS, _NEAR = 32, 10.0
 
 def runs(mask: NDArray[np.bool_]) -> tuple[Indices, Indices]:
     """Return the first index of each run of true values, and the index after its last."""
-    if mask.size == 0:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    changes = np.flatnonzero(mask[1:] != mask[:-1]) + 1
-    edges = np.concatenate([[0][: int(mask[0])], changes, [mask.size][: int(mask[-1])]]).astype(np.int64)
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     return edges[::2], edges[1::2]
 
 
