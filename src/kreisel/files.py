@@ -5,10 +5,11 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections.abc import Collection, Iterator
+import tomllib
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 MAX_TEXT = 1 << 24
 """Largest size in bytes of a description, settings or a result, far above real ones: 16 MiB."""
@@ -46,6 +47,18 @@ def read_text(path: Path, most: int = MAX_TEXT) -> str:
         If it is not UTF-8.
     """
     return read_bytes(path, most).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_toml(path: Path, example: str, error: Callable[[str], Exception]) -> dict[str, Any]:
+    """Return the content of a TOML file; where it cannot be, raise `error` of a message that ends with the example."""
+    try:
+        return tomllib.loads(read_text(path))
+    except OSError as failed:
+        raise error(f"cannot be read: {failed.strerror}") from failed
+    except UnicodeDecodeError as failed:
+        raise error(f"not UTF-8 text (byte {failed.start}); save it in UTF-8") from failed
+    except (ValueError, RecursionError) as failed:
+        raise error(f"not valid TOML: {failed}; {example}") from failed
 
 
 def open_fresh(path: Path, mode: int = 0o666) -> BinaryIO:

@@ -12,7 +12,8 @@ import kreisel
 from kreisel.calibration.result import RESULT_FILES, Calibration
 from kreisel.calibration.result_document import from_document
 from kreisel.cli.output import check_output
-from kreisel.files import finish_replacing, open_fresh, open_lock, read_bytes, replaced_together
+from kreisel.errors import SettingsError
+from kreisel.files import finish_replacing, open_fresh, open_lock, read_bytes, read_toml, replaced_together
 
 NAMES = ("a.yaml", "b.html", "c.urdf")
 WRITE = """
@@ -171,3 +172,26 @@ def test_the_output_is_tried_under_a_name_that_nobody_knows(tmp_path):
     check_output(tmp_path)
     assert (tmp_path / "precious").read_text() == "kept"
     assert sorted(path.name for path in tmp_path.iterdir()) == [".kreisel-probe", "precious"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot be read: No such file or directory"),
+        (b"a = ", "not valid TOML: .*; write a = 1"),
+        (b"a = '\xff'", r"not UTF-8 text \(byte 5\); save it in UTF-8"),
+        (b"a = " + 5000 * b"[", "not valid TOML: .*; write a = 1"),
+    ],
+)
+def test_a_file_that_is_no_toml_raises_the_error_that_is_asked_for(tmp_path, content, message):
+    file = tmp_path / "own.toml"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(SettingsError, match=message):
+        read_toml(file, "write a = 1", SettingsError)
+
+
+def test_toml_is_read_with_a_byte_order_mark_and_any_ends_of_lines(tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_bytes(b"\xef\xbb\xbfa = 1\r\n[b]\rc = 'd'\n")
+    assert read_toml(file, "", SettingsError) == {"a": 1, "b": {"c": "d"}}

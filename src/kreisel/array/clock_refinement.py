@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.array.resampled import resampled, white_noise
+from kreisel.estimation.robust import normal_scale
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.slopes import local_cubics, usual_interval
 from kreisel.recording.recording import ImuSamples
@@ -109,7 +110,7 @@ def _solved(
         residual = left - rates @ found[:9].reshape(3, 3).T - found[9:12]
         residual -= slope * (found[_SHIFT] + found[_GAIN] * along)[:, None]
         length = np.sqrt(np.mean(residual**2, axis=1))
-        spread = 1.4826 * float(np.median(np.abs(residual[used]))) + 1e-15
+        spread = normal_scale(residual[used]) + 1e-15
         if not step:
             weights = weights * (length < _GROSS * spread)
     inverse = np.linalg.pinv(A / size[:, None] / size)[-2:, -2:] / size[-2:, None] / size[-2:]

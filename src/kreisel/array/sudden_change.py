@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel.estimation.robust import normal_scale
 from kreisel.geometry.rotation import Array, Indices, Mask, skew
 
 _PARTS, _EDGE = 60, 3
@@ -145,7 +146,7 @@ def _sums(part: Indices, X: Array, lasting: Array, left: Array) -> tuple[Array, 
     Information (parts, p, p), that in common with what lasts (parts, p, q), score (parts, p), and the information about
     what lasts (q, q).
     """
-    variance = max((1.4826 * float(np.median(np.abs(left)))) ** 2, 1e-30)
+    variance = max(normal_scale(left) ** 2, 1e-30)
     p, q = X.shape[2], lasting.shape[2]
     info, cross, score = np.zeros((_PARTS, p, p)), np.zeros((_PARTS, p, q)), np.zeros((_PARTS, p))
     np.add.at(info, part, np.swapaxes(X, 1, 2) @ X / variance)

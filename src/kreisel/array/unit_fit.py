@@ -18,6 +18,7 @@ from kreisel.array.mount_watch import RowParts, Turn, turn_of
 from kreisel.array.resampled import Resampled, resampled
 from kreisel.array.unit_effects import BENDING, OF_BENDING, bending, candidates, limit, products, shown_effects
 from kreisel.errors import EstimationError
+from kreisel.estimation.robust import normal_scale
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.correction import Block
 from kreisel.inertial.effects import EFFECTS, RawReadings, features_of, groups_of, places_of
@@ -460,7 +461,7 @@ def _solve(axes: list[_Axis], whole: Mask, count: int) -> _Solved:
         for k, axis in enumerate(axes):
             left = axis.left - axis.columns @ change[axis.places]
             used = left[whole]
-            noise[k] = 1.4826 * float(np.median(np.abs(used))) + 1e-15
+            noise[k] = normal_scale(used) + 1e-15
             near = np.abs(left) < _GROSS * noise[k]
             if step:
                 weights[k] = whole & near

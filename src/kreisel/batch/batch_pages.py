@@ -15,6 +15,7 @@ from kreisel.batch.outcomes import OUTCOMES
 from kreisel.batch.unit_history import YEAR, History, Trend
 from kreisel.calibration.data_sheet import Quantity
 from kreisel.calibration.limits import COVERAGE, Limits, limits_of
+from kreisel.estimation.robust import normal_scale
 from kreisel.report import plots
 from kreisel.report.cells import Row, Table, number, pair
 from kreisel.report.plots import Figure, Trace
@@ -113,7 +114,7 @@ def _spread_table(units: Sequence[Unit], limits: Limits | None) -> Table:
         for axis in range(3):
             own = values[:, axis][np.isfinite(values[:, axis])]
             middle = float(np.median(own))
-            spread = 1.4826 * float(np.median(np.abs(own - middle)))
+            spread = normal_scale(own - middle)
             usual = float(np.nanmedian(deviations[:, axis]))
             cells = (number(middle), number(spread), number(float(own.min())), number(float(own.max())), number(usual))
             title = title_of(quantity, axis)

@@ -14,6 +14,7 @@ from kreisel.batch.job_result import Run
 from kreisel.batch.outcomes import GOOD, OUTCOMES
 from kreisel.calibration.data_sheet import QUANTITIES, Quantity
 from kreisel.calibration.limits import Limits, QuantityDecision, judged, overall
+from kreisel.estimation.robust import normal_scale
 from kreisel.geometry.rotation import Array
 
 OUTLYING = 4.5
@@ -122,7 +123,7 @@ def _outliers(lot: Sequence[Run]) -> dict[str, list[Outlier]]:
             if here.size < MIN:
                 continue
             own = values[here, axis] - np.median(values[here, axis])
-            spread = 1.4826 * float(np.median(np.abs(own)))
+            spread = normal_scale(own)
             scores = own / np.maximum(np.hypot(spread, deviations[here, axis]), 1e-300)
             for i in np.flatnonzero(np.abs(scores) > OUTLYING):
                 found.setdefault(lot[here[i]].key, []).append(Outlier(quantity, axis, float(scores[i])))

@@ -6,10 +6,10 @@ if it is outside by as much. Between lies the guard band: no decision.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from kreisel.calibration.data_sheet import QUANTITIES, Quantity
 from kreisel.calibration.result_sections import CalibrationParts
 from kreisel.errors import RecordingError, SettingsError, unknown_name
-from kreisel.files import read_text
+from kreisel.files import read_toml
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.noise_figures import GRADES
 from kreisel.model.groups import group_named
@@ -134,12 +134,7 @@ def read_limits(path: Path) -> Limits:
     RecordingError
         If it cannot be read, or names something else; the known names are listed.
     """
-    try:
-        content = tomllib.loads(read_text(path))
-    except OSError as error:
-        raise RecordingError(f"cannot be read: {error.strerror}", file=path) from error
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(f"not valid TOML: {error}; write [limits], gyro_bias_deg_h = 20.0", file=path) from error
+    content = read_toml(path, "write [limits], gyro_bias_deg_h = 20.0", partial(RecordingError, file=path))
     table = content.get("limits")
     if not isinstance(table, dict) or set(content) != {"limits"}:
         raise RecordingError("expected one table, [limits]", file=path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.geometry.rotation import Array, conjugate, exp, log, multiply
+from kreisel.geometry.rotation import Array, Indices, conjugate, exp, log, multiply
 
 
 def slerp(before: Array, after: Array, share: Array | float) -> Array:
@@ -16,6 +16,12 @@ def slerp(before: Array, after: Array, share: Array | float) -> Array:
 def interpolate_columns(t: Array, known: Array, values: Array) -> Array:
     """Return values (m, k), known at ascending times (m,), at times t (n,) by straight lines, (n, k)."""
     return np.column_stack([np.interp(t, known, column) for column in values.T])
+
+
+def nearest(stamps: Array, moments: Array) -> Indices:
+    """Return the places of the ascending stamps (m,), two or more, that are nearest to moments (n,)."""
+    after = np.clip(np.searchsorted(stamps, moments), 1, stamps.size - 1)
+    return np.asarray(after - (moments - stamps[after - 1] < stamps[after] - moments))
 
 
 def continuous(q: Array) -> Array:

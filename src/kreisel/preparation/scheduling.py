@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from kreisel.geometry.interpolation import nearest
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.inertial.readings import Readings
 from kreisel.model.schedule import Update
@@ -34,9 +35,10 @@ def schedule_updates(
         inside = np.flatnonzero((t_pose > low) & (t_pose < high) & usable)
         if inside.size < 2:
             continue
+        poses = _spread(t_pose, inside, interval)
+        samples = np.clip(nearest(readings.stamps, t_pose[poses]), begin + 1, end - 1)
         previous: int | None = None
-        for pose in _spread(t_pose, inside, interval):
-            sample = _nearest(readings.stamps, float(t_pose[pose]), begin + 1, end - 1)
+        for pose, sample in zip(poses.tolist(), samples.tolist(), strict=True):
             if previous is not None and sample <= previous:
                 continue
             standstill = _containing(starts, stops, float(t_pose[pose]))
@@ -44,7 +46,7 @@ def schedule_updates(
                 Update(
                     first=sample if previous is None else previous,
                     last=sample,
-                    pose=int(pose),
+                    pose=pose,
                     tau=float(tau[pose]),
                     standstill=standstill,
                     new_standstill=standstill is not None and standstill != last_standstill,
@@ -60,17 +62,9 @@ def _spread(t_pose: Array, inside: Indices, interval: float) -> Indices:
     """Return the poses nearest to a grid of the given interval, each once."""
     times = t_pose[inside]
     grid = np.arange(times[0], times[-1] + 0.5 * interval, interval)
-    right = np.clip(np.searchsorted(times, grid), 1, times.size - 1)
-    nearest = np.where(grid - times[right - 1] < times[right] - grid, right - 1, right)
-    close = np.abs(times[nearest] - grid) <= 0.5 * interval
-    return np.asarray(inside[np.unique(nearest[close])])
-
-
-def _nearest(stamps: Array, t: float, low: int, high: int) -> int:
-    k = int(np.searchsorted(stamps, t))
-    if k > 0 and (k == stamps.size or t - stamps[k - 1] < stamps[k] - t):
-        k -= 1
-    return min(max(k, low), high)
+    places = nearest(times, grid)
+    close = np.abs(times[places] - grid) <= 0.5 * interval
+    return np.asarray(inside[np.unique(places[close])])
 
 
 def _containing(starts: Array, stops: Array, t: float) -> int | None:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, ValidationError, field_validator
 
 from kreisel.errors import RecordingError, unknown_name
-from kreisel.files import read_text
+from kreisel.files import read_toml
 from kreisel.inertial.noise_figures import GRADES
 
 
@@ -262,18 +262,7 @@ def read_settings(path: Path) -> RecordingSettings:
     RecordingError
         If it is not TOML, has an unknown key (the known ones are listed) or an impossible value.
     """
-    try:
-        content = tomllib.loads(read_text(path))
-    except OSError as error:
-        raise RecordingError(
-            f"cannot be read: {error.strerror}; repair it, or remove it to use the defaults", file=path
-        ) from error
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"not UTF-8 text (byte {error.start}); save it in UTF-8", file=path) from error
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(
-            f'not valid TOML: {error}; write tables and keys as in [imu], grade = "fog"', file=path
-        ) from error
+    content = read_toml(path, 'write tables and keys as in [imu], grade = "fog"', partial(RecordingError, file=path))
     for name, table in content.items():
         kind = _kind_of(name)
         if kind not in _TABLES and kind not in _OPEN:

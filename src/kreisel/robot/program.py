@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.errors import RobotError, SettingsError, unknown_name
-from kreisel.files import read_text
+from kreisel.files import read_toml
 from kreisel.geometry.kuka import from_abc
 from kreisel.geometry.rotation import Array
 from kreisel.robot.description import Arm
@@ -63,14 +62,8 @@ def read_program(path: Path, arm: Arm) -> Program:
     RobotError
         If a pose is out of reach or range; the message names the move, the joint and the limit.
     """
-    try:
-        content = tomllib.loads(read_text(path))
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise SettingsError(
-            f"{path}: not valid TOML: {error}; `kreisel simulate --example-program` prints one"
-        ) from error
+    example = "`kreisel simulate --example-program` prints one"
+    content = read_toml(path, example, lambda text: SettingsError(f"{path}: {text}"))
     for key in content:
         if key not in ("start_deg", "move"):
             raise SettingsError(f"{path}: {unknown_name('key', key, ('start_deg', 'move'))}")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from kreisel.errors import SettingsError, unknown_name
-from kreisel.files import read_text
+from kreisel.files import read_toml
 from kreisel.inertial.noise_figures import GRADES
 from kreisel.recording.recording_settings import what_is_wrong
 
@@ -288,12 +287,8 @@ def read_cell(path: Path) -> Cell:
     SettingsError
         If it cannot be read, has an unknown key (the known ones are listed) or an impossible value.
     """
-    try:
-        content = tomllib.loads(read_text(path))
-    except OSError as error:
-        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise SettingsError(f"{path}: not valid TOML: {error}; `kreisel simulate --example` prints a cell") from error
+    example = "`kreisel simulate --example` prints a cell"
+    content = read_toml(path, example, lambda text: SettingsError(f"{path}: {text}"))
     return parse_cell(content, path)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from kreisel.estimation.robust import normal_scale
 from kreisel.geometry.interpolation import running_mean
 from kreisel.geometry.rotation import Array, Indices, Mask, lengths
 from kreisel.inertial.readings import Readings
@@ -33,9 +34,6 @@ _SMALL = 1e-4
 
 _WRONG, _FEW = 4.0, 0.25
 """Deviations of most errors beyond which a stamp is wrong; share of such stamps up to which they are not the usual."""
-
-_NORMAL = 1.4826
-"""Standard deviation of normal numbers over the median of their sizes."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ def stamp_errors(readings: Readings, reference: ReferencePoses, fit: RateFit) ->
     clear = float(np.average(excess / around, weights=by_chance)) > _CLEAR
     if not clear or float(np.average(excess, weights=by_chance)) < _CERTAIN * chance:
         return StampErrors(0.0, wrong)
-    usual = np.maximum((_NORMAL * np.median(np.abs(errors[:, 0]))) ** 2, around)
+    usual = np.maximum(normal_scale(errors[:, 0]) ** 2, around)
     far = squares > _WRONG**2 * usual
     if few := float(far.mean()) <= _FEW:
         excess, around = excess[~far], around[~far]

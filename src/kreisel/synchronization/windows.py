@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel._kernels import quadrature
-from kreisel.geometry.interpolation import interpolate_columns, running_mean
+from kreisel.geometry.interpolation import interpolate_columns, nearest, running_mean
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.strapdown import InertialSignal
 from kreisel.synchronization.clock import Clock
@@ -54,7 +54,7 @@ class Windows:
         high = min(tau[-1] - half, float(clock.reference_time(signal.stamps[-2])) - half)
         middle = np.arange(low, high, 0.4 * half)
         if half > shortest:  # between poses far apart, positions on straight lines have less curvature than the motion
-            middle = np.unique(tau[_nearest(tau, middle)])
+            middle = np.unique(tau[nearest(tau, middle)])
             middle = middle[(middle >= low) & (middle <= high)]
         middle = middle[_without_gaps(signal, clock, tau, middle, half)]
         at = (middle - half, middle, middle + half)
@@ -107,12 +107,6 @@ def _smoothed(tau: Array) -> int:
     """Return the number of poses over which positions are averaged; 1 where these are too far apart."""
     width = round(_SMOOTHED / float(np.median(np.diff(tau))))
     return width if width > 2 else 1
-
-
-def _nearest(stamps: Array, moments: Array) -> Indices:
-    """Return the places of the stamps that are nearest to moments."""
-    after = np.clip(np.searchsorted(stamps, moments), 1, stamps.size - 1)
-    return np.asarray(after - (moments - stamps[after - 1] < stamps[after] - moments))
 
 
 def _without_gaps(signal: InertialSignal, clock: Clock, tau: Array, middle: Array, half: float) -> Mask:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from kreisel.errors import RecordingError, RobotError
+from kreisel.geometry.interpolation import nearest
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, lengths, log, multiply
 from kreisel.recording.location import is_table
 from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
@@ -55,16 +56,15 @@ def joint_stamp_warnings(joints: JointAngles, reference: ReferencePoses) -> list
 
 def angles_at(joints: JointAngles, stamps: Stamps) -> Array:
     """Return the joint angles at stamps (m,), (m, joints): those of the same moment, otherwise interpolated ones."""
-    nearest, same = _nearest(joints.stamps_ns, stamps)
+    places, same = _nearest(joints.stamps_ns, stamps)
     between = np.column_stack([np.interp(stamps, joints.stamps_ns, column) for column in joints.angles.T])
-    return np.where(same[:, None], joints.angles[nearest], between)
+    return np.where(same[:, None], joints.angles[places], between)
 
 
 def _nearest(own: Stamps, stamps: Stamps) -> tuple[Indices, Mask]:
     """Return the index of the nearest of the own stamps, and whether it is of the same moment."""
-    right = np.clip(np.searchsorted(own, stamps), 1, own.size - 1)
-    nearest = np.where(stamps - own[right - 1] < own[right] - stamps, right - 1, right)
-    return nearest, np.asarray(np.abs(own[nearest] - stamps) <= _SAME_STAMP * float(np.median(np.diff(own))))
+    places = nearest(own, stamps)
+    return places, np.asarray(np.abs(own[places] - stamps) <= _SAME_STAMP * float(np.median(np.diff(own))))
 
 
 def joints_in_radians(

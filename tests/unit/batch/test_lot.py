@@ -57,7 +57,7 @@ def test_a_unit_far_from_its_lot_is_an_outlier():
     assert outlier.axis == 0
     values = [unit.run.parts.derived["accel_bias_mg"].value[0] for unit in units]
     middle = np.median(values)
-    spread = 1.4826 * np.median(np.abs(values - middle))
+    spread = 1.4826022 * np.median(np.abs(values - middle))
     assert outlier.score == pytest.approx((8.0 - middle) / np.hypot(spread, 0.1))
     # an unsure one is none
     unsure = [*runs[:40], run(40, 8.0, sd=3.0)]

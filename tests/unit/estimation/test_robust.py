@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi
+from scipy.stats import chi, norm
 
-from kreisel.estimation.robust import MEDIAN_LENGTH, cauchy_weights, vector_scale
+from kreisel.estimation.robust import MEDIAN_LENGTH, cauchy_weights, normal_scale, vector_scale
 
 COUNT = 20_000
 
@@ -22,6 +22,14 @@ def relative_sd_of_the_median(n):
 
 def test_the_median_length_is_that_of_a_chi_variable():
     assert pytest.approx(chi(3).median(), abs=5e-4) == MEDIAN_LENGTH
+
+
+@pytest.mark.parametrize("sd", [1e-3, 7.0])
+def test_outliers_hardly_change_the_scale_of_normal_values(sd):
+    at = norm.ppf((np.arange(COUNT) + 0.5) / COUNT) * sd  # quantiles, instead of numbers drawn
+    assert normal_scale(at) == pytest.approx(sd, rel=1e-4)
+    at[::50] = 1e6 * sd
+    assert normal_scale(at.reshape(-1, 2)) == pytest.approx(sd, rel=0.05)
 
 
 @pytest.mark.parametrize("sd", [1e-3, 7.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from kreisel.geometry.interpolation import continuous, interpolate_columns, running_mean, slerp
+from kreisel.geometry.interpolation import continuous, interpolate_columns, nearest, running_mean, slerp
 
 RNG_SEED = 3
 
@@ -77,3 +77,12 @@ def test_a_running_mean_leaves_a_straight_line_where_rows_lie_on_both_sides():
     found = running_mean(line, 7)
     np.testing.assert_allclose(found[3:-3], line[3:-3], atol=1e-12)
     np.testing.assert_allclose(found[0], line[:4].mean(axis=0), atol=1e-12)
+
+
+def test_the_nearest_stamp_is_the_one_at_the_least_distance():
+    rng = np.random.default_rng(4)
+    stamps, moments = np.sort(rng.uniform(0.0, 10.0, 40)), rng.uniform(-1.0, 11.0, 200)
+    by_hand = np.argmin(np.abs(moments[:, None] - stamps), axis=1)
+    np.testing.assert_array_equal(nearest(stamps, moments), by_hand)
+    in_ns = np.array([0, 10, 30])
+    np.testing.assert_array_equal(nearest(in_ns, np.array([-5, 4, 6, 19, 21, 99])), [0, 0, 1, 1, 2, 2])

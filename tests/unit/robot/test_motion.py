@@ -364,7 +364,7 @@ MOVE = "[[move]]\njoints_deg = [0, -90, 90, 0, 30, 0]\n"
         (f"{MOVE}speed = 0\n", SettingsError, "expected 0 to 3600 s, and 0.01 to 1"),
         (f"{MOVE}speed = 1.5\n", SettingsError, "expected 0 to 3600 s, and 0.01 to 1"),
         ("move = [\n", SettingsError, "not valid TOML"),
-        (b"\xff\xfe", SettingsError, "not valid TOML"),
+        (b"\xff\xfe", SettingsError, "not UTF-8 text"),
     ],
 )
 def test_what_is_wrong_with_a_program_stands_in_one_line(written, text, kind, telling):
