@@ -131,6 +131,10 @@ def calibrate_tray(
             out = rough or _clearest(tray, found, settings.fixed)
             if out is not None:
                 unlike.add(out)
+            else:
+                out = _farthest_one(tray, found, restored)
+                if out is not None:
+                    odd[out] = found.misfits[out]
         if out is not None:
             tray.take_out(out)
         elif back := _blameless(tray, found, turned, odd) - restored:
@@ -224,6 +228,17 @@ def _odd_one(tray: _Tray, misfits: Mapping[str, float], ratio: float = _ODD) -> 
     worst = max(rest, key=lambda name: rest[name])
     others = float(np.median([own for name, own in rest.items() if name != worst]))
     return worst if rest[worst] > max(_MISFIT, ratio * others) else None
+
+
+def _farthest_one(tray: _Tray, found: _Fitted, restored: Collection[str]) -> str | None:
+    """Return the unit farthest from the mean if no unit fits it, for then one of them spoils the motion of all.
+
+    Which one it is does not show in fits to that motion. One that was put back is not taken out again.
+    """
+    if min((found.misfits.get(name, np.inf) for name in tray.in_mean), default=0.0) <= _MISFIT:
+        return None
+    out = tray.farthest()
+    return None if out in restored or out not in found.misfits else out
 
 
 def _blameless(tray: _Tray, found: _Fitted, turned: Mapping[str, Turn], odd: Mapping[str, float]) -> set[str]:
