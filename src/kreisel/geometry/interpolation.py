@@ -18,7 +18,7 @@ def interpolate_columns(t: Array, known: Array, values: Array) -> Array:
     return np.column_stack([np.interp(t, known, column) for column in values.T])
 
 
-def nearest(stamps: Array, moments: Array) -> Indices:
+def nearest(stamps: Array | Indices, moments: Array | Indices) -> Indices:
     """Return the places of the ascending stamps (m,), two or more, that are nearest to moments (n,)."""
     after = np.clip(np.searchsorted(stamps, moments), 1, stamps.size - 1)
     return np.asarray(after - (moments - stamps[after - 1] < stamps[after] - moments))

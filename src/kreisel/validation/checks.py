@@ -27,6 +27,7 @@ from kreisel.validation.stamp_checks import (
     gap_warnings,
     gaps,
 )
+from kreisel.validation.summed_readings import without_sums
 
 __all__ = ["LONG_GAP", "MIN_SECONDS", "check_streams", "gaps"]
 
@@ -47,7 +48,8 @@ def check_streams(recording: Recording) -> Recording:
     stamped = Stamped(imu.stamps_ns, imu.source, "samples", 5.0, 20e3, imu.units.time)
     check_rate(stamped, None if reference is None else stamped_poses(reference))
     check_duration(stamped)
-    warnings = sampling + gap_warnings(imu, LONG_GAP)
+    imu, sums = without_sums(imu)
+    warnings = sampling + sums + gap_warnings(imu, LONG_GAP)
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
     if any(warning.subject == "repeats" for warning in found):

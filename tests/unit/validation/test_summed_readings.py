@@ -1,0 +1,74 @@
+"""Sums over lost samples, of sensors that keep their increments until they are read."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.recording.recording import ImuSamples
+from kreisel.validation.summed_readings import without_sums
+
+INTERVAL_NS = 5_000_000
+COUNT = 4000
+
+
+def increments(seed=0):
+    """Return rates and forces (n, 3) of a lively motion, with noise."""
+    rng = np.random.default_rng(seed)
+    t = 1e-9 * INTERVAL_NS * np.arange(COUNT)
+    rates = np.column_stack([np.sin(3.0 * t), np.cos(2.0 * t + 1.0), np.sin(1.3 * t) * np.cos(4.0 * t)])
+    forces = np.column_stack([9.8 * np.sin(0.3 * t), np.cos(5.0 * t), 9.8 * np.cos(0.3 * t)])
+    return rates + rng.normal(0.0, 1e-3, rates.shape), forces + rng.normal(0.0, 1e-2, forces.shape)
+
+
+def lost(places, most=1, *, sums=(True, True), seed=0):
+    """Return the samples of which some are lost before each place, in sums or not, and all of them."""
+    values = [one.copy() for one in increments(seed)]
+    keep = np.ones(COUNT, dtype=bool)
+    for k, place in enumerate(places):
+        gone = slice(place - 1 - k % most, place)
+        keep[gone] = False
+        for one, summed in zip(values, sums, strict=True):
+            if summed:
+                one[place] += one[gone].sum(axis=0)
+    stamps = 1_700_000_000_000_000_000 + INTERVAL_NS * np.arange(COUNT)
+    file, temperature = Path("imu0/data.csv"), 20.0 + 1e-3 * np.arange(COUNT)
+    whole = ImuSamples(stamps, *increments(seed), file, temperature=temperature)
+    return ImuSamples(stamps[keep], values[0][keep], values[1][keep], file, temperature=temperature[keep]), whole
+
+
+@pytest.mark.parametrize("most", [1, 4])
+def test_sums_are_divided_among_the_samples_they_stand_for(most):
+    imu, whole = lost(range(300, 3500, 400), most)
+    found, warnings = without_sums(imu)
+    np.testing.assert_array_equal(found.stamps_ns, whole.stamps_ns)
+    # nothing is lost: the integrals are those of all samples
+    np.testing.assert_allclose(found.rates.sum(axis=0), whole.rates.sum(axis=0), atol=1e-9)
+    np.testing.assert_allclose(found.accelerations.sum(axis=0), whole.accelerations.sum(axis=0), atol=1e-9)
+    assert np.abs(found.rates - whole.rates).max() < 0.06
+    assert np.abs(found.temperature - whole.temperature).max() < 5e-3
+    assert len(found.rows) == COUNT
+    assert np.all(np.diff(found.rows) >= 0)
+    (warning,) = warnings
+    assert warning.message.startswith("imu0: 8 rates and accelerations after lost samples, the first at ")
+    assert f"line {300 - 1 + 2}" in warning.message
+
+
+def test_one_sensor_alone_may_keep_its_increments():
+    imu, whole = lost(range(300, 3500, 400), sums=(True, False))
+    found, (warning,) = without_sums(imu)
+    np.testing.assert_allclose(found.rates.sum(axis=0), whole.rates.sum(axis=0), atol=1e-9)
+    assert np.abs(found.accelerations - whole.accelerations).max() < 0.06
+    assert "8 rates after lost samples" in warning.message
+
+
+@pytest.mark.parametrize("sums", [(True, True), (False, False)])
+def test_readings_that_are_no_sums_and_single_ones_stay(sums):
+    imu, _ = lost(range(300, 3500, 400) if not any(sums) else (300, 700), sums=sums)
+    assert without_sums(imu) == (imu, [])
+
+
+def test_a_recording_without_lost_samples_stays():
+    imu, whole = lost(())
+    assert without_sums(imu) == (imu, [])
+    assert whole.stamps_ns.size == COUNT
