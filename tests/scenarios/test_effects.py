@@ -227,3 +227,20 @@ def test_centripetal_forces_that_a_device_takes_out_itself_are_no_other_arm():
     found, sd = outcome.calibration.sensors, outcome.calibration.sensor_sd
     assert np.abs((found.lever_arms - truth.sensors.lever_arms) / sd.lever_arms).max() < 4.0
     assert np.abs(scores(outcome, "accel_cross_coupling", truth.sensors.K_a)).max() < BOUND
+
+
+@pytest.mark.slow
+def test_a_converters_step_at_zero_is_no_scale_factor():
+    """A scale factor had taken its share of steps of 0.6 mg, and was 15 deviations off."""
+    cell = Cell.model_validate(
+        {"seed": 32, "seconds": 120.0, "imu": {"grade": "fog-mems"}, "reference": {"kind": "mocap"}}
+    )
+    truth, recording = simulate(cell, Path("cell"))
+    imu, step = recording.imu, np.array([0.004, -0.006, 0.005])
+    stepped = imu.accelerations + step * np.sign(imu.accelerations)
+    outcome = run_calibration(
+        check_streams(replace(recording, imu=replace(imu, accelerations=stepped))), CalibrationSettings()
+    )
+    assert outcome.verdict.accepted
+    assert "accelerometer.sign" in {one.family.name for one in outcome.estimate.discrepancy}
+    assert np.abs(scores(outcome, "accel_cross_coupling", truth.sensors.K_a)).max() < BOUND

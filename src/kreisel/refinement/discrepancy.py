@@ -301,7 +301,8 @@ def describe(one: FoundFamily) -> str:
     if what == RANGE:
         subject = f"{_OWNERS[owner]} that are cut off near the ends of their range"
     if what == SIGN:
-        subject = f"{_OWNERS[owner]} whose offset changes with the sign of the reading, as by truncation"
+        steps = "changes with the sign of the reading, as by truncation or a converter's step"
+        subject = f"{_OWNERS[owner]} whose offset {steps}"
     if what == PRODUCTS:
         subject = f"{_OWNERS[owner]} by products of rates, as if a device took out centripetal forces"
     return f"{subject.replace('_', ' ')}, {one.size / size:.2g} {unit} rms (gain {one.gain:.0f})"

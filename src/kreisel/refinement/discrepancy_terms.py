@@ -36,7 +36,6 @@ from kreisel.refinement.term_functions import (
     changes,
     cosines,
     ends_of_range,
-    in_steps,
     of_angles,
     of_own_angle,
     polynomials,
@@ -270,8 +269,7 @@ class DiscrepancyTerms:
             if owner == "accelerometer":
                 products = rate_products(rates)
                 alone[PRODUCTS] = Basis(products.__getitem__, np.ones(products.shape[1]), apart=True, alike=True)
-            if in_steps(readings.rates if owner == "gyroscope" else readings.accelerations):
-                alone[SIGN] = signs(own)
+            alone[SIGN] = signs(own)
             for name, basis in {**common, **alone}.items():
                 of_rates = owner == "gyroscope" and name in ("rate", "angular_acceleration")
                 usual_of = known[_OF_RATES] if of_rates else (drifting if name in _DRIFTS else known)[owner]

@@ -32,9 +32,6 @@ is cut off."""
 _ENOUGH = 6000
 """Values by which a function is separated from the usual model."""
 
-_WHOLE = 0.02
-"""Mean distance of numbers from whole ones, below which they are whole: that of others is a quarter."""
-
 _LEAST = 1e-3
 """Rms of a function, as a share, below which the usual model has all of it."""
 
@@ -192,18 +189,8 @@ def ends_of_range(own: Array) -> Basis:
 
 
 def signs(own: Array) -> Basis:
-    """Return the signs of own readings (n, 3), axis by axis: what is truncated to zero lacks half a step."""
+    """Return the signs of own readings (n, 3), axis by axis: truncated ones lack half a step, converters have one."""
     return Basis(lambda which: np.sign(own[which]), np.ones(own.shape[1]), apart=True)
-
-
-def in_steps(readings: Array) -> bool:
-    """Return whether readings (n, 3) are whole numbers of steps, on every axis."""
-    for axis in readings[:_ENOUGH].T:
-        apart = np.diff(np.unique(axis))
-        steps = apart / max(float(apart.min(initial=np.inf)), 1e-300)
-        if apart.size == 0 or float(np.mean(np.abs(steps - np.round(steps)))) > _WHOLE:
-            return False
-    return True
 
 
 def changes(first: Array, second: Array) -> Basis:

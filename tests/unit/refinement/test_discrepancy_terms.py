@@ -99,17 +99,12 @@ def test_what_exceeds_a_range_is_added_near_its_end_alone():
     assert added.min() >= 0.0
 
 
-def test_truncation_to_zero_is_an_offset_with_the_sign_of_the_reading():
-    assert not any(family.of == "sign" for family in terms().families)  # they are no whole numbers of steps
+def test_a_step_at_zero_is_an_offset_with_the_sign_of_the_reading():
     problem, step = camera_problem(), 1e-3
     readings = problem.sensor.readings
-    cut = with_readings(problem, readings.with_values(rates=np.trunc(readings.rates / step) * step))
-    found = DiscrepancyTerms(cut)
-    (number,) = (i for i, family in enumerate(found.families) if family.of == "sign")
-    own = np.zeros(found.family.size)
-    own[np.flatnonzero(found.family == number)[2]] = 0.5 * step
-    before = cut.sensor.readings.rates[:, 2]
-    added = found.corrected(cut, own).sensor.readings.rates[:, 2] - before
+    before = readings.rates[:, 2]
+    corrected = terms().corrected(problem, amplitudes("gyroscope.sign", 0, 2, 0.5 * step))
+    added = corrected.sensor.readings.rates[:, 2] - before
     far = np.abs(before) > 0.05
     assert np.mean(far) > 0.3
     size = 0.5 * step / np.sqrt(np.mean(np.sign(SampleGroups.of(readings.stamps).average(before[:, None])) ** 2))
