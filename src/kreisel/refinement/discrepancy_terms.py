@@ -27,7 +27,7 @@ from kreisel.model.problem import Problem, with_readings
 from kreisel.model.schedule import Schedule
 from kreisel.recording.recording import ReferencePoses
 from kreisel.refinement.discrepancy_evidence import ODDS, RARE_ODDS
-from kreisel.refinement.sample_groups import SampleGroups, blocks
+from kreisel.refinement.sample_groups import STEP, SampleGroups, blocks
 from kreisel.refinement.term_functions import (
     WAVES,
     Basis,
@@ -269,7 +269,8 @@ class DiscrepancyTerms:
             if owner == "accelerometer":
                 products = rate_products(rates)
                 alone[PRODUCTS] = Basis(products.__getitem__, np.ones(products.shape[1]), apart=True, alike=True)
-            alone[SIGN] = signs(own)
+            noise = np.sqrt(readings.noise[0 if owner == "gyroscope" else 1, axes] / STEP)
+            alone[SIGN] = signs(own, noise)
             for name, basis in {**common, **alone}.items():
                 of_rates = owner == "gyroscope" and name in ("rate", "angular_acceleration")
                 usual_of = known[_OF_RATES] if of_rates else (drifting if name in _DRIFTS else known)[owner]

@@ -32,6 +32,9 @@ is cut off."""
 _ENOUGH = 6000
 """Values by which a function is separated from the usual model."""
 
+_SURE = 5.0
+"""Standard deviations of its noise from which the sign of a reading is that of the motion. Chosen: a millionth are not."""
+
 _LEAST = 1e-3
 """Rms of a function, as a share, below which the usual model has all of it."""
 
@@ -188,9 +191,18 @@ def ends_of_range(own: Array) -> Basis:
     return Basis(values, np.ones(2 * own.shape[1]), apart=True)
 
 
-def signs(own: Array) -> Basis:
-    """Return the signs of own readings (n, 3), axis by axis: truncated ones lack half a step, converters have one."""
-    return Basis(lambda which: np.sign(own[which]), np.ones(own.shape[1]), apart=True)
+def signs(own: Array, noise: Array) -> Basis:
+    """Return the signs of own readings (n, 3), axis by axis: truncated ones lack half a step, converters have one.
+
+    Readings that noise (3,) may have given their sign have none: at rest it would be that of their own noise.
+    """
+    least = _SURE * noise
+
+    def values(which: Indices) -> Array:
+        x = own[which]
+        return np.asarray(np.where(np.abs(x) > least, np.sign(x), 0.0))
+
+    return Basis(values, np.ones(own.shape[1]), apart=True)
 
 
 def changes(first: Array, second: Array) -> Basis:

@@ -10,6 +10,7 @@ from kreisel.geometry.rotation import conjugate, log, matrix, multiply
 from kreisel.model.problem import with_readings, without_groups
 from kreisel.refinement.discrepancy_terms import DiscrepancyTerms
 from kreisel.refinement.sample_groups import STEP, SampleGroups
+from kreisel.refinement.term_functions import signs
 
 from ...small_problem import camera_problem
 
@@ -173,3 +174,10 @@ def test_readings_are_taken_together_over_a_short_time():
     step = float(np.median(np.diff(stamps)))
     assert step <= STEP
     assert terms()._grid.count == pytest.approx(stamps.size * step / STEP, rel=0.05)
+
+
+def test_readings_that_are_noise_have_no_sign():
+    """The sign of their own noise would be correlated with it."""
+    noise = np.array([0.01, 0.02, 0.0])
+    own = np.array([[0.2, -0.2, 1e-9], [0.04, -0.09, -1e-9], [-0.06, 0.11, 0.0]])
+    np.testing.assert_array_equal(signs(own, noise).of(np.arange(3)), [[1, -1, 1], [0, 0, -1], [-1, 1, 0]])
