@@ -33,7 +33,7 @@ _ENOUGH = 6000
 """Values by which a function is separated from the usual model."""
 
 _SURE = 5.0
-"""Standard deviations of its noise from which the sign of a reading is that of the motion. Chosen: a millionth are not."""
+"""Standard deviations of its noise from which the sign of a reading is that of the motion: one in a million is not."""
 
 _LEAST = 1e-3
 """Rms of a function, as a share, below which the usual model has all of it."""
