@@ -58,7 +58,8 @@ class Discrepancy:
         Families that are part of the model.
     columns, undecided, remainder, attribution : (n, k)
         Errors of the parameters by the amplitudes' uncertainty, by families that may be there or not, by what the
-        functions of those that are there do not reach, and by families that take another's error for theirs.
+        functions of those that are there do not reach, and by families that take another's error for theirs, or a
+        share of the offsets at rest.
     """
 
     found: tuple[FoundFamily, ...] = ()
@@ -173,6 +174,7 @@ def find_discrepancy(
             [
                 _ATTRIBUTED * _by_family(family, whole.change, weighed),
                 *(_like_arms(terms.families[worth[f]], family == f, whole.change, weighed) for f in weighed.families),
+                _ATTRIBUTED * _offsets_at_rest(recorded, terms.at_rest(amplitude), len(columns)),
             ]
         ),
     )
@@ -188,6 +190,19 @@ def _beside_rotation(problem: Problem, change: Array, families: Sequence[Family]
     constant = [family.owner == "gyroscope" and family.of == FIELD for family in families]
     out[np.ix_(rotation, constant)] = 0.0
     return out
+
+
+def _offsets_at_rest(problem: Problem, added: Array, count: int) -> Array:
+    """Return columns (n, 3) by what terms add to the gyros at rest: their offsets there are not those of the whole.
+
+    A linear description that fits best over a recording and one of the sensor at rest differ by it, and either is used.
+    """
+    columns = np.zeros((count, 3))
+    if "gyro_offset" in problem.layout:
+        first = problem.layout["gyro_offset"].start
+        for i, axis in enumerate(problem.layout.present("gyro_offset")):
+            columns[first + i, axis] = added[axis]
+    return columns
 
 
 def _by_family(family: Indices, change: Array, weighed: Weighed) -> Array:

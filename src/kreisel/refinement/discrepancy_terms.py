@@ -195,6 +195,17 @@ class DiscrepancyTerms:
         noise = replace(problem.noise, unlisted=(self._of_kind(amplitudes, 0), self._of_kind(amplitudes, 3)))
         return replace(with_readings(problem, changed), reference=reference, noise=noise)
 
+    def at_rest(self, amplitudes: Array) -> Array:
+        """Return means of what terms of the motion add to the gyros at standstill, (3,), rad/s; zero without any."""
+        of_motion = np.array([family.of not in (*_DRIFTS, _SCALE, FIELD) for family in self._families])
+        t, resting = self._recorded.sensor.readings.stamps, np.zeros(self._grid.samples, dtype=bool)
+        for standstill in self._recorded.schedule.standstills:
+            resting |= (t >= standstill.start) & (t <= standstill.stop)
+        own = np.where(of_motion[self.family], amplitudes, 0.0)
+        if not resting.any() or not own.any():
+            return np.zeros(3)
+        return np.asarray(self._of_sensor(own, "gyroscope")[resting].mean(axis=0))
+
     def size(self, amplitudes: Array, family: int) -> float:
         """Return the rms of what a family adds, over the recording: rad/s, m/s^2, m, rad or s.
 

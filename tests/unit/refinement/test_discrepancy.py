@@ -66,6 +66,22 @@ def test_an_error_by_acceleration_is_found_as_one_and_taken_out():
     assert not np.array_equal(corrected, with_gyro_error(camera_problem(), SIZE).sensor.readings.rates)
 
 
+def test_offsets_of_gyros_at_rest_may_be_those_of_the_whole_less_what_terms_add_there():
+    outcome = found(SIZE)
+    layout, groups = (
+        outcome.problem.layout,
+        [one for one in outcome.contributions if one.cause.startswith("attribution")],
+    )
+    readings, recorded_at = outcome.problem.sensor.readings, outcome.stated.sensor.readings
+    resting = np.zeros(readings.stamps.size, dtype=bool)
+    for standstill in outcome.problem.schedule.standstills:
+        resting |= (readings.stamps >= standstill.start) & (readings.stamps <= standstill.stop)
+    added = (readings.rates - recorded_at.rates)[resting].mean(axis=0)
+    (attribution,) = groups
+    assert np.abs(added).max() > 1e-5
+    assert np.all(attribution.variance[layout["gyro_offset"]] >= (0.49 * added) ** 2)
+
+
 def test_results_are_right_with_it():
     assert np.abs(scores(found(SIZE))).max() < 4.0
 

@@ -113,6 +113,23 @@ def test_a_step_at_zero_is_an_offset_with_the_sign_of_the_reading():
     np.testing.assert_allclose(added[far], size * np.sign(before[far]), rtol=0.02)
 
 
+def test_at_rest_gyros_have_what_terms_of_the_motion_add_there():
+    problem = camera_problem()
+    readings, own = problem.sensor.readings, amplitudes("gyroscope.rate", 4, 1, 1e-3)
+    resting = np.zeros(readings.stamps.size, dtype=bool)
+    for standstill in problem.schedule.standstills:
+        resting |= (readings.stamps >= standstill.start) & (readings.stamps <= standstill.stop)
+    assert 0.1 < resting.mean() < 0.9
+    expected = (
+        terms().corrected(problem, own).sensor.readings.rates[resting, 1].mean() - readings.rates[resting, 1].mean()
+    )
+    assert abs(expected) > 1e-5
+    np.testing.assert_allclose(terms().at_rest(own), [0.0, expected, 0.0], rtol=1e-9)
+    for drift in ("gyroscope.time", "gyroscope.past_rate"):
+        assert not terms().at_rest(amplitudes(drift, 2, 1, 1e-3)).any()
+    assert not terms().at_rest(amplitudes("accelerometer.acceleration", 2, 1, 1e-3)).any()
+
+
 def test_a_drift_keeps_what_it_has_in_common_with_the_motion():
     problem = camera_problem()
     changed = terms().corrected(problem, amplitudes("accelerometer.time", 2, 1, 1e-3)).sensor.readings
