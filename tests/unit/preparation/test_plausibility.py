@@ -91,6 +91,26 @@ def test_rates_converted_though_they_were_radians_are_named():
     assert "[rad s^-1]" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("factors", "names"),
+    [((1.0, 1.0, 1.0 / DEG), "w_z read 57.3"), ((1.0 / DEG, 1.0, 1.0 / DEG), "w_x and w_z read 57.3")],
+)
+def test_gyros_in_another_unit_than_the_others_are_named(factors, names):
+    fit = sound().rate_fit
+    mixed = with_fit(K_omega=fit.K_omega / factors, K_omega_sd=fit.K_omega_sd / factors)
+    said = refused(mixed)
+    assert names in said
+    assert "look like deg s^-1" in said
+
+
+def test_a_gyro_of_which_the_motion_shows_nothing_is_in_no_other_unit():
+    fit = sound().rate_fit
+    K, sd = fit.K_omega.copy(), fit.K_omega_sd.copy()
+    K[:, 2] *= DEG
+    sd[:, 2] = 0.2
+    assert "too poor" in refused(with_fit(K_omega=K, K_omega_sd=sd), ExcitationError)
+
+
 def test_angles_per_sample_are_named():
     with pytest.raises(RecordingError, match=r"0\.01 s"):
         check(with_imu(rates=recorded().imu.rates * recorded().imu.interval))
@@ -314,3 +334,23 @@ def test_the_angle_of_a_turn_is_in_degrees():
 def test_the_order_of_the_axes_is_that_of_the_largest_entries():
     F = np.array([[0.1, -0.9, 0.2], [0.0, 0.1, 1.0], [0.9, 0.3, 0.1]])
     assert order(F) == "-a_y lies along w_x, a_z lies along w_y, a_x lies along w_z"
+
+
+def test_readings_without_gravity_are_named():
+    """Those of the body when it is free of gravity: their lengths are those of its motion."""
+    prepared = sound()
+    windows = prepared.accelerometer_fit.windows
+    down = np.einsum("nijk,jk->ni", windows.regressor[:, :, :9].reshape(-1, 3, 3, 3), prepared.rate_fit.K_omega).mean(
+        axis=0
+    )
+    assert np.linalg.norm(down) == pytest.approx(9.81, abs=0.2)
+    imu = prepared.recording.imu
+    at = imu.accelerations - imu.accelerations.mean(axis=0)
+    without = replace(
+        prepared,
+        recording=replace(prepared.recording, imu=replace(imu, accelerations=0.3 * at)),
+        accelerometer_fit=replace(
+            prepared.accelerometer_fit, windows=replace(windows, regressor=windows.regressor * 0.01)
+        ),
+    )
+    assert "was gravity removed" in refused(without)
