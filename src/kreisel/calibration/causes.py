@@ -255,7 +255,7 @@ def _of_poses(estimate: Estimate) -> tuple[str, str]:
     size = history.nis / history.degrees
     gross = size > _GROSS * np.median(size)
     if float(np.mean(gross & ~_lasting(gross | ~history.used))) > _REPEATED:
-        return "pose outliers", "some poses are grossly wrong"
+        return "pose outliers", "some poses, or readings, are grossly wrong"
     return "stated reference", "the poses are less accurate than stated"
 
 

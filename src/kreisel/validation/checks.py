@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from kreisel.recording.digest import digest
 from kreisel.recording.recording import Recording
+from kreisel.validation.accumulated_readings import with_lost_samples
 from kreisel.validation.empty_rows import without_missing
 from kreisel.validation.imu_checks import check_imu
 from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
@@ -27,7 +28,6 @@ from kreisel.validation.stamp_checks import (
     gap_warnings,
     gaps,
 )
-from kreisel.validation.summed_readings import without_sums
 
 __all__ = ["LONG_GAP", "MIN_SECONDS", "check_streams", "gaps"]
 
@@ -48,8 +48,8 @@ def check_streams(recording: Recording) -> Recording:
     stamped = Stamped(imu.stamps_ns, imu.source, "samples", 5.0, 20e3, imu.units.time)
     check_rate(stamped, None if reference is None else stamped_poses(reference))
     check_duration(stamped)
-    imu, sums = without_sums(imu)
-    warnings = sampling + sums + gap_warnings(imu, LONG_GAP)
+    imu, accumulated = with_lost_samples(imu)
+    warnings = sampling + accumulated + gap_warnings(imu, LONG_GAP)
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
     if any(warning.subject == "repeats" for warning in found):

@@ -1,4 +1,4 @@
-"""Sums over lost samples, of sensors that keep their increments until they are read."""
+"""Sums and means over lost samples, of sensors that accumulate until they are read."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kreisel.recording.recording import ImuSamples
-from kreisel.validation.summed_readings import without_sums
+from kreisel.validation.accumulated_readings import with_lost_samples
 
 INTERVAL_NS = 5_000_000
 COUNT = 4000
@@ -21,8 +21,8 @@ def increments(seed=0):
     return rates + rng.normal(0.0, 1e-3, rates.shape), forces + rng.normal(0.0, 1e-2, forces.shape)
 
 
-def lost(places, most=1, *, sums=(True, True), seed=0):
-    """Return the samples of which some are lost before each place, in sums or not, and all of them."""
+def lost(places, most=1, *, sums=(True, True), means=False, seed=0):
+    """Return the samples of which some are lost before each place, in sums (or means) or not, and all of them."""
     values = [one.copy() for one in increments(seed)]
     keep = np.ones(COUNT, dtype=bool)
     for k, place in enumerate(places):
@@ -31,32 +31,33 @@ def lost(places, most=1, *, sums=(True, True), seed=0):
         for one, summed in zip(values, sums, strict=True):
             if summed:
                 one[place] += one[gone].sum(axis=0)
+                one[place] /= 1.0 + means * (1 + k % most)
     stamps = 1_700_000_000_000_000_000 + INTERVAL_NS * np.arange(COUNT)
     file, temperature = Path("imu0/data.csv"), 20.0 + 1e-3 * np.arange(COUNT)
     whole = ImuSamples(stamps, *increments(seed), file, temperature=temperature)
     return ImuSamples(stamps[keep], values[0][keep], values[1][keep], file, temperature=temperature[keep]), whole
 
 
-@pytest.mark.parametrize("most", [1, 4])
-def test_sums_are_divided_among_the_samples_they_stand_for(most):
-    imu, whole = lost(range(300, 3500, 400), most)
-    found, warnings = without_sums(imu)
+@pytest.mark.parametrize(("most", "means"), [(1, False), (4, False), (8, True)])
+def test_sums_and_means_stand_for_the_samples_lost_before_them(most, means):
+    imu, whole = lost(range(300, 3500, 400), most, means=means)
+    found, warnings = with_lost_samples(imu)
     np.testing.assert_array_equal(found.stamps_ns, whole.stamps_ns)
     # nothing is lost: the integrals are those of all samples
     np.testing.assert_allclose(found.rates.sum(axis=0), whole.rates.sum(axis=0), atol=1e-9)
     np.testing.assert_allclose(found.accelerations.sum(axis=0), whole.accelerations.sum(axis=0), atol=1e-9)
-    assert np.abs(found.rates - whole.rates).max() < 0.06
-    assert np.abs(found.temperature - whole.temperature).max() < 5e-3
+    assert np.abs(found.rates - whole.rates).max() < 0.01
+    assert np.abs(found.temperature - whole.temperature).max() < 1e-2
     assert len(found.rows) == COUNT
     assert np.all(np.diff(found.rows) >= 0)
     (warning,) = warnings
     assert warning.message.startswith("imu0: 8 rates and accelerations after lost samples, the first at ")
-    assert f"line {300 - 1 + 2}" in warning.message
+    assert f"line {300 - 1 + 2}, are {'means' if means else 'sums'} over" in warning.message
 
 
 def test_one_sensor_alone_may_keep_its_increments():
     imu, whole = lost(range(300, 3500, 400), sums=(True, False))
-    found, (warning,) = without_sums(imu)
+    found, (warning,) = with_lost_samples(imu)
     np.testing.assert_allclose(found.rates.sum(axis=0), whole.rates.sum(axis=0), atol=1e-9)
     assert np.abs(found.accelerations - whole.accelerations).max() < 0.06
     assert "8 rates after lost samples" in warning.message
@@ -65,10 +66,10 @@ def test_one_sensor_alone_may_keep_its_increments():
 @pytest.mark.parametrize("sums", [(True, True), (False, False)])
 def test_readings_that_are_no_sums_and_single_ones_stay(sums):
     imu, _ = lost(range(300, 3500, 400) if not any(sums) else (300, 700), sums=sums)
-    assert without_sums(imu) == (imu, [])
+    assert with_lost_samples(imu) == (imu, [])
 
 
 def test_a_recording_without_lost_samples_stays():
     imu, whole = lost(())
-    assert without_sums(imu) == (imu, [])
+    assert with_lost_samples(imu) == (imu, [])
     assert whole.stamps_ns.size == COUNT

@@ -1,0 +1,116 @@
+"""Readings that stand for the samples lost before them, too: of sensors that accumulate until they are read.
+
+A device that puts out angle and velocity increments since it was last read loses nothing with a message that does not
+arrive: the next one holds the sum, or where it divides by the true interval, the mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import Enum
+
+import numpy as np
+
+from kreisel.geometry.interpolation import interpolate_columns
+from kreisel.geometry.rotation import Array, Indices
+from kreisel.recording.location import at
+from kreisel.recording.recording import DataWarning, ImuSamples
+
+_MOST = 10
+"""Samples that one reading stands for at most. Chosen: within ten samples neighbours still resemble each other."""
+
+_OFF = 0.2
+"""Share of an interval by which a step may differ from a whole number of intervals. Chosen: jitter of most loggers."""
+
+_LEAST = 3
+"""Readings after lost samples from which it is judged. Chosen: one may be a fault of its own."""
+
+_CLEAR = 0.1
+"""Squares that one kind leaves, of those that any other leaves. Chosen: sums left 1e-3 or less, means 0.004 to 0.05."""
+
+
+class _Kind(Enum):
+    """What readings after lost samples are."""
+
+    SAMPLE = "readings of one sample"
+    SUM = "sums"
+    MEAN = "means"
+
+
+def with_lost_samples(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
+    """Return the samples with lost ones put back where a reading stands for them, too, and the warning about it."""
+    steps = np.diff(imu.stamps_ns)
+    usual = float(np.median(steps))
+    if steps.max() < 1.5 * usual:
+        return imu, []
+    steps = steps / usual
+    count = np.round(steps).astype(np.int64)
+    even = np.abs(steps - count) < _OFF
+    single = even & (count == 1)
+    place = np.flatnonzero(even[1:-1] & (count[1:-1] > 1) & (count[1:-1] <= _MOST) & single[:-2] & single[2:]) + 2
+    number = count[place - 1]
+    kinds = [_kind(values, place, number) for values in (imu.rates, imu.accelerations)]
+    if all(kind is _Kind.SAMPLE for kind in kinds):
+        return imu, []
+    return _divided(imu, place, number, kinds), [_warning(imu, place, kinds)]
+
+
+def _kind(values: Array, place: Indices, number: Indices) -> _Kind:
+    """Return what readings after lost samples are, by their neighbours.
+
+    Parameters
+    ----------
+    values : (n, 3)
+        Readings of one sensor.
+    place, number : (m,)
+        Readings after lost samples, and how many samples each would stand for.
+    """
+    if place.size < _LEAST:
+        return _Kind.SAMPLE
+    before, after, n = values[place - 1], values[place + 1], number[:, None]
+    middle = 0.5 * (before + after)  # of all the samples between the neighbours
+    expected = {_Kind.SAMPLE: before + n / (n + 1.0) * (after - before), _Kind.SUM: n * middle, _Kind.MEAN: middle}
+    left = {kind: float(np.sum((values[place] - value) ** 2)) for kind, value in expected.items()}
+    best, second, _ = sorted(left, key=lambda kind: left[kind])
+    return best if left[best] < _CLEAR * left[second] else _Kind.SAMPLE
+
+
+def _divided(imu: ImuSamples, place: Indices, number: Indices, kinds: list[_Kind]) -> ImuSamples:
+    """Return the samples with the lost ones put in: on straight lines, moved to have the mean that a reading gives."""
+    repeats = np.ones(imu.stamps_ns.size, dtype=np.int64)
+    repeats[place] = number
+    source = np.repeat(np.arange(repeats.size), repeats)
+    ends, at_all = (np.cumsum(repeats) - 1).astype(np.float64), np.arange(source.size, dtype=np.float64)
+    stamps = np.interp(at_all, ends, imu.stamps_ns - imu.stamps_ns[0])
+    new = imu.stamps_ns[0] + np.round(stamps).astype(np.int64)
+    new[np.cumsum(repeats) - 1] = imu.stamps_ns
+
+    def filled(values: Array, kind: _Kind) -> Array:
+        known = np.ones(repeats.size, dtype=bool)
+        known[place] = kind is _Kind.SAMPLE
+        moved = np.zeros(values.shape)
+        if kind is not _Kind.SAMPLE:
+            mean = values[place] / (number[:, None] if kind is _Kind.SUM else 1.0)
+            moved[place] = mean - 0.5 * (values[place - 1] + values[place + 1])
+        return interpolate_columns(at_all, ends[known], values[known]) + moved[source]
+
+    warmth = imu.temperature
+    return replace(
+        imu,
+        stamps_ns=new,
+        rates=filled(imu.rates, kinds[0]),
+        accelerations=filled(imu.accelerations, kinds[1]),
+        temperature=None if warmth is None else warmth[source],
+        rows=np.asarray(np.arange(repeats.size) if imu.rows is None else imu.rows)[source],
+    )
+
+
+def _warning(imu: ImuSamples, place: Indices, kinds: list[_Kind]) -> DataWarning:
+    of = {name: kind for name, kind in zip(("rates", "accelerations"), kinds, strict=True) if kind is not _Kind.SAMPLE}
+    first = at(imu.source, imu.row_of(int(place[0])))
+    return DataWarning(
+        "accumulated",
+        f"{imu.source.parent.name}: {place.size} {' and '.join(of)} after lost samples, the first at {first}, are "
+        f"{' and '.join(dict.fromkeys(kind.value for kind in of.values()))} over the interval since the sample before, "
+        "as of a sensor that accumulates until it is read; the lost samples were put back by them",
+    )
