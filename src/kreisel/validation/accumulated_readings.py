@@ -11,6 +11,7 @@ from enum import Enum
 
 import numpy as np
 
+from kreisel.estimation.robust import normal_scale
 from kreisel.geometry.interpolation import interpolate_columns
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.recording.location import at
@@ -29,6 +30,10 @@ _CLEAR = 0.1
 """Squares that one kind leaves, of those that any other leaves. Chosen: sums left 1e-3 or less, means 0.004 to 0.05."""
 
 
+_CERTAIN = 50.0
+"""Difference of such squares, over those of usual readings, beyond which it shows. Chosen: 25 in the log-likelihood."""
+
+
 class _Kind(Enum):
     """What readings after lost samples are."""
 
@@ -39,20 +44,49 @@ class _Kind(Enum):
 
 def with_lost_samples(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     """Return the samples with lost ones put back where a reading stands for them, too, and the warning about it."""
+    place, number = _after_long_steps(imu)
+    kinds = [_kind(values, place, number) for values in (imu.rates, imu.accelerations)]
+    if all(kind is _Kind.SAMPLE for kind in kinds):
+        return imu, []
+    return _divided(imu, place, number, kinds), [_warning(imu, place, kinds)]
+
+
+def with_steps_of_one(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
+    """Return the samples, after repeats were left out, without the steps that these took in stamps by count.
+
+    A row that is written twice counts twice: the sample after it was taken one interval after the first, and lies in
+    the middle between its neighbours, although its stamp does not.
+    """
+    place, number = _after_long_steps(imu)
+    if place.size < _LEAST:
+        return imu, []
+    left = [_left(values, place, number) for values in (imu.rates, imu.accelerations)]
+    as_stamped, in_the_middle = (sum(one[kind] for one in left) for kind in (_Kind.SAMPLE, _Kind.MEAN))
+    if as_stamped < in_the_middle + _CERTAIN or as_stamped < 2.0 * in_the_middle:
+        return imu, []
+    interval, later = float(np.median(np.diff(imu.stamps_ns))), np.zeros(imu.stamps_ns.size)
+    later[place] = number - 1
+    stamps = imu.stamps_ns - np.round(np.cumsum(later) * interval).astype(np.int64)
+    first = at(imu.source, imu.row_of(int(place[0])))
+    text = (
+        f"{imu.source.parent.name}: stamps count repeats, too: the samples after {place.size} of them, the first at "
+        f"{first}, follow the ones before after one interval; all later stamps were set back by as much"
+    )
+    return replace(imu, stamps_ns=stamps), [DataWarning("stamps", text)]
+
+
+def _after_long_steps(imu: ImuSamples) -> tuple[Indices, Indices]:
+    """Return the places after steps of several intervals, between single ones, and of how many, (m,)."""
     steps = np.diff(imu.stamps_ns)
     usual = float(np.median(steps))
     if steps.max() < 1.5 * usual:
-        return imu, []
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     steps = steps / usual
     count = np.round(steps).astype(np.int64)
     even = np.abs(steps - count) < _OFF
     single = even & (count == 1)
     place = np.flatnonzero(even[1:-1] & (count[1:-1] > 1) & (count[1:-1] <= _MOST) & single[:-2] & single[2:]) + 2
-    number = count[place - 1]
-    kinds = [_kind(values, place, number) for values in (imu.rates, imu.accelerations)]
-    if all(kind is _Kind.SAMPLE for kind in kinds):
-        return imu, []
-    return _divided(imu, place, number, kinds), [_warning(imu, place, kinds)]
+    return place, count[place - 1]
 
 
 def _kind(values: Array, place: Indices, number: Indices) -> _Kind:
@@ -67,12 +101,18 @@ def _kind(values: Array, place: Indices, number: Indices) -> _Kind:
     """
     if place.size < _LEAST:
         return _Kind.SAMPLE
+    left = _left(values, place, number)
+    best, second, _ = sorted(left, key=lambda kind: left[kind])
+    return best if left[best] < _CLEAR * left[second] else _Kind.SAMPLE
+
+
+def _left(values: Array, place: Indices, number: Indices) -> dict[_Kind, float]:
+    """Return the squares that each kind would leave, over the variance that neighbours leave of a usual reading."""
     before, after, n = values[place - 1], values[place + 1], number[:, None]
     middle = 0.5 * (before + after)  # of all the samples between the neighbours
     expected = {_Kind.SAMPLE: before + n / (n + 1.0) * (after - before), _Kind.SUM: n * middle, _Kind.MEAN: middle}
-    left = {kind: float(np.sum((values[place] - value) ** 2)) for kind, value in expected.items()}
-    best, second, _ = sorted(left, key=lambda kind: left[kind])
-    return best if left[best] < _CLEAR * left[second] else _Kind.SAMPLE
+    usual = normal_scale(values[1:-1] - 0.5 * (values[:-2] + values[2:])) + 1e-300
+    return {kind: float(np.sum((values[place] - value) ** 2)) / usual**2 for kind, value in expected.items()}
 
 
 def _divided(imu: ImuSamples, place: Indices, number: Indices, kinds: list[_Kind]) -> ImuSamples:

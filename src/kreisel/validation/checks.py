@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from kreisel.recording.digest import digest
 from kreisel.recording.recording import Recording
-from kreisel.validation.accumulated_readings import with_lost_samples
+from kreisel.validation.accumulated_readings import with_lost_samples, with_steps_of_one
 from kreisel.validation.empty_rows import without_missing
 from kreisel.validation.imu_checks import check_imu
 from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
@@ -53,8 +53,9 @@ def check_streams(recording: Recording) -> Recording:
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
     if any(warning.subject == "repeats" for warning in found):
+        imu, counted = with_steps_of_one(imu)
         imu, sampling = regularly_sampled(imu, repeats=True)
-        warnings += sampling
+        warnings += counted + sampling
     if joints is not None:
         check_joints(joints)
     if reference is not None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kreisel.recording.recording import ImuSamples
-from kreisel.validation.accumulated_readings import with_lost_samples
+from kreisel.validation.accumulated_readings import with_lost_samples, with_steps_of_one
 
 INTERVAL_NS = 5_000_000
 COUNT = 4000
@@ -73,3 +73,33 @@ def test_a_recording_without_lost_samples_stays():
     imu, whole = lost(())
     assert with_lost_samples(imu) == (imu, [])
     assert whole.stamps_ns.size == COUNT
+
+
+def with_long_steps(places, *, counted):
+    """Return samples with steps of two before some: by a count of rows written twice, or where samples are lost."""
+    _, whole = lost(())
+    stamps, keep = whole.stamps_ns.copy(), np.ones(COUNT, dtype=bool)
+    for place in places:
+        stamps[place:] += INTERVAL_NS * counted
+        keep[place - 1] = counted
+    found = ImuSamples(stamps[keep], whole.rates[keep], whole.accelerations[keep], whole.source)
+    return found, whole.stamps_ns[keep]
+
+
+def test_repeats_that_stamps_count_are_taken_out_of_the_stamps():
+    imu, right = with_long_steps(range(300, 3500, 400), counted=True)
+    found, (warning,) = with_steps_of_one(imu)
+    np.testing.assert_array_equal(found.stamps_ns, right)
+    assert warning.subject == "stamps"
+    assert "after 8 of them, the first at" in warning.message
+
+
+@pytest.mark.parametrize("places", [range(300, 3500, 400), (300, 700), ()])
+def test_stamps_of_samples_that_are_missing_stay(places):
+    imu, _ = with_long_steps(places, counted=False)
+    assert with_steps_of_one(imu) == (imu, [])
+
+
+def test_two_repeats_say_too_little():
+    imu, _ = with_long_steps((300, 700), counted=True)
+    assert with_steps_of_one(imu) == (imu, [])
