@@ -53,9 +53,9 @@ def check_streams(recording: Recording) -> Recording:
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
     if any(warning.subject == "repeats" for warning in found):
-        imu, counted = with_steps_of_one(imu)
         imu, sampling = regularly_sampled(imu, repeats=True)
-        warnings += counted + sampling
+        imu, counted = (imu, []) if sampling else with_steps_of_one(imu)
+        warnings += sampling + counted
     if joints is not None:
         check_joints(joints)
     if reference is not None:

@@ -10,6 +10,7 @@ from kreisel.validation.accumulated_readings import with_lost_samples, with_step
 
 INTERVAL_NS = 5_000_000
 COUNT = 4000
+PLACES = (300, 720, 1050, 1610, 2000, 2300, 2810, 3333)
 
 
 def increments(seed=0):
@@ -40,7 +41,7 @@ def lost(places, most=1, *, sums=(True, True), means=False, seed=0):
 
 @pytest.mark.parametrize(("most", "means"), [(1, False), (4, False), (8, True)])
 def test_sums_and_means_stand_for_the_samples_lost_before_them(most, means):
-    imu, whole = lost(range(300, 3500, 400), most, means=means)
+    imu, whole = lost(PLACES, most, means=means)
     found, warnings = with_lost_samples(imu)
     np.testing.assert_array_equal(found.stamps_ns, whole.stamps_ns)
     # nothing is lost: the integrals are those of all samples
@@ -56,7 +57,7 @@ def test_sums_and_means_stand_for_the_samples_lost_before_them(most, means):
 
 
 def test_one_sensor_alone_may_keep_its_increments():
-    imu, whole = lost(range(300, 3500, 400), sums=(True, False))
+    imu, whole = lost(PLACES, sums=(True, False))
     found, (warning,) = with_lost_samples(imu)
     np.testing.assert_allclose(found.rates.sum(axis=0), whole.rates.sum(axis=0), atol=1e-9)
     assert np.abs(found.accelerations - whole.accelerations).max() < 0.06
@@ -65,7 +66,7 @@ def test_one_sensor_alone_may_keep_its_increments():
 
 @pytest.mark.parametrize("sums", [(True, True), (False, False)])
 def test_readings_that_are_no_sums_and_single_ones_stay(sums):
-    imu, _ = lost(range(300, 3500, 400) if not any(sums) else (300, 700), sums=sums)
+    imu, _ = lost(PLACES if not any(sums) else (300, 700), sums=sums)
     assert with_lost_samples(imu) == (imu, [])
 
 
@@ -87,17 +88,23 @@ def with_long_steps(places, *, counted):
 
 
 def test_repeats_that_stamps_count_are_taken_out_of_the_stamps():
-    imu, right = with_long_steps(range(300, 3500, 400), counted=True)
+    imu, right = with_long_steps(PLACES, counted=True)
     found, (warning,) = with_steps_of_one(imu)
     np.testing.assert_array_equal(found.stamps_ns, right)
     assert warning.subject == "stamps"
     assert "after 8 of them, the first at" in warning.message
 
 
-@pytest.mark.parametrize("places", [range(300, 3500, 400), (300, 700), ()])
+@pytest.mark.parametrize("places", [PLACES, (300, 700), ()])
 def test_stamps_of_samples_that_are_missing_stay(places):
     imu, _ = with_long_steps(places, counted=False)
     assert with_steps_of_one(imu) == (imu, [])
+
+
+def test_repeats_that_come_evenly_are_of_a_sensor_that_is_asked_too_often():
+    imu, _ = with_long_steps(range(300, 3500, 400), counted=True)
+    assert with_steps_of_one(imu) == (imu, [])
+    assert with_lost_samples(imu) == (imu, [])
 
 
 def test_two_repeats_say_too_little():
