@@ -48,7 +48,7 @@ _REJECTED = 8
 """Rejected updates that are listed."""
 
 _RANKS = (
-    ("masked", "lost", "gaps", "accumulated", "while recording", "stamps", "repeats", "clocks"),
+    ("masked", "lost", "gaps", "accumulated", "intervals", "while recording", "stamps", "repeats", "clocks"),
     ("imu", "noise", "outliers", "quaternions", "whiteness", "differences", "offsets", "standstill"),
     ("effects", "robot", "joints", "reference", "overlap", "motion"),
 )
