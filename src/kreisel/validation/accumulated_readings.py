@@ -17,8 +17,8 @@ from kreisel.geometry.rotation import Array, Indices
 from kreisel.recording.location import at
 from kreisel.recording.recording import DataWarning, ImuSamples
 
-_MOST = 10
-"""Samples that one reading stands for at most. Chosen: within ten samples neighbours still resemble each other."""
+_MOST, _LONGEST_NS = 10, 5e7
+"""Samples that one reading stands for at most, or their time. Chosen: neighbours then still resemble each other."""
 
 _OFF = 0.2
 """Share of an interval by which a step may differ from a whole number of intervals. Chosen: jitter of most loggers."""
@@ -29,6 +29,9 @@ _LEAST = 3
 _CLEAR = 0.1
 """Squares that one kind leaves, of those that any other leaves. Chosen: sums left 1e-3 or less, means 0.004 to 0.05."""
 
+
+_WHOLE = 0.01
+"""The same of a single sum from which it is cut off at the end of a range: a tenth of what it is more than a mean."""
 
 _EVEN = 1.5
 """Ratio of the longest to the shortest distance of places up to which they are evenly spread. Chosen: a beat of two
@@ -47,12 +50,37 @@ class _Kind(Enum):
 
 
 def with_lost_samples(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
-    """Return the samples with lost ones put back where a reading stands for them, too, and the warning about it."""
+    """Return the samples with lost ones put back where a reading stands for them, too, and the warning about it.
+
+    A sum has the stamp of its last sample, or of its first: then it comes before the long step. Seen backwards in time,
+    these are the same.
+    """
     place, number = _after_long_steps(imu)
     kinds = [_kind(values, place, number) for values in (imu.rates, imu.accelerations)]
-    if all(kind is _Kind.SAMPLE for kind in kinds):
+    if any(kind is not _Kind.SAMPLE for kind in kinds):
+        return _divided(imu, place, number, kinds), [_warning(imu, place, kinds, "after")]
+    if place.size < _LEAST:
         return imu, []
-    return _divided(imu, place, number, kinds), [_warning(imu, place, kinds)]
+    backwards = _backwards(imu)
+    place, number = _after_long_steps(backwards)
+    kinds = [_kind(values, place, number) for values in (backwards.rates, backwards.accelerations)]
+    if _Kind.SUM not in kinds or _Kind.MEAN in kinds:
+        return imu, []
+    found = _backwards(_divided(backwards, place, number, kinds))
+    return found, [_warning(imu, imu.stamps_ns.size - 1 - place[::-1], kinds, "before")]
+
+
+def _backwards(imu: ImuSamples) -> ImuSamples:
+    """Return the samples in reverse, with stamps from the last to the first."""
+    stamps, warmth = imu.stamps_ns, imu.temperature
+    return replace(
+        imu,
+        stamps_ns=(stamps[0] + stamps[-1] - stamps)[::-1],
+        rates=imu.rates[::-1],
+        accelerations=imu.accelerations[::-1],
+        temperature=None if warmth is None else warmth[::-1],
+        rows=np.asarray(np.arange(stamps.size) if imu.rows is None else imu.rows)[::-1],
+    )
 
 
 def with_steps_of_one(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
@@ -66,7 +94,7 @@ def with_steps_of_one(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     if place.size < _LEAST or _evenly(place):
         return imu, []
     left = [_left(values, place, number) for values in (imu.rates, imu.accelerations)]
-    as_stamped, in_the_middle = (sum(one[kind] for one in left) for kind in (_Kind.SAMPLE, _Kind.MEAN))
+    as_stamped, in_the_middle = (sum(float(one[kind].sum()) for one in left) for kind in (_Kind.SAMPLE, _Kind.MEAN))
     if as_stamped < in_the_middle + _CERTAIN or as_stamped < 2.0 * in_the_middle:
         return imu, []
     interval, later = float(np.median(np.diff(imu.stamps_ns))), np.zeros(imu.stamps_ns.size)
@@ -90,7 +118,8 @@ def _after_long_steps(imu: ImuSamples) -> tuple[Indices, Indices]:
     count = np.round(steps).astype(np.int64)
     even = np.abs(steps - count) < _OFF
     single = even & (count == 1)
-    place = np.flatnonzero(even[1:-1] & (count[1:-1] > 1) & (count[1:-1] <= _MOST) & single[:-2] & single[2:]) + 2
+    most = max(_MOST, round(_LONGEST_NS / usual))
+    place = np.flatnonzero(even[1:-1] & (count[1:-1] > 1) & (count[1:-1] <= most) & single[:-2] & single[2:]) + 2
     return place, count[place - 1]
 
 
@@ -107,10 +136,18 @@ def _kind(values: Array, place: Indices, number: Indices) -> _Kind:
     if place.size < _LEAST:
         return _Kind.SAMPLE
     left = _left(values, place, number)
-    best, second, _ = sorted(left, key=lambda kind: left[kind])
-    if left[best] > _CLEAR * left[second] or (best is _Kind.MEAN and _evenly(place)):
+    if np.percentile(_share_left(left), 25.0) < _CLEAR:
+        return _Kind.SUM  # others may be cut off
+    total = {kind: float(own.sum()) for kind, own in left.items()}
+    best, second, _ = sorted(total, key=lambda kind: total[kind])
+    if total[best] > _CLEAR * total[second] or (best is _Kind.MEAN and _evenly(place)):
         return _Kind.SAMPLE
     return best
+
+
+def _share_left(left: dict[_Kind, Array]) -> Array:
+    """Return the squares that sums leave, over the least that readings of other kinds leave, (m,)."""
+    return np.asarray(left[_Kind.SUM] / np.maximum(np.minimum(left[_Kind.SAMPLE], left[_Kind.MEAN]), 1e-300))
 
 
 def _evenly(place: Indices) -> bool:
@@ -122,13 +159,13 @@ def _evenly(place: Indices) -> bool:
     return bool(between.max() <= _EVEN * between.min() + 1)
 
 
-def _left(values: Array, place: Indices, number: Indices) -> dict[_Kind, float]:
-    """Return the squares that each kind would leave, over the variance that neighbours leave of a usual reading."""
+def _left(values: Array, place: Indices, number: Indices) -> dict[_Kind, Array]:
+    """Return the squares (m,) that each kind would leave, over the variance that neighbours leave of usual readings."""
     before, after, n = values[place - 1], values[place + 1], number[:, None]
     middle = 0.5 * (before + after)  # of all the samples between the neighbours
     expected = {_Kind.SAMPLE: before + n / (n + 1.0) * (after - before), _Kind.SUM: n * middle, _Kind.MEAN: middle}
     usual = normal_scale(values[1:-1] - 0.5 * (values[:-2] + values[2:])) + 1e-300
-    return {kind: float(np.sum((values[place] - value) ** 2)) / usual**2 for kind, value in expected.items()}
+    return {kind: np.sum(((values[place] - value) / usual) ** 2, axis=1) for kind, value in expected.items()}
 
 
 def _divided(imu: ImuSamples, place: Indices, number: Indices, kinds: list[_Kind]) -> ImuSamples:
@@ -147,7 +184,8 @@ def _divided(imu: ImuSamples, place: Indices, number: Indices, kinds: list[_Kind
         moved = np.zeros(values.shape)
         if kind is not _Kind.SAMPLE:
             mean = values[place] / (number[:, None] if kind is _Kind.SUM else 1.0)
-            moved[place] = mean - 0.5 * (values[place - 1] + values[place + 1])
+            whole = (kind is _Kind.MEAN) | (_share_left(_left(values, place, number)) < _WHOLE)
+            moved[place] = whole[:, None] * (mean - 0.5 * (values[place - 1] + values[place + 1]))
         return interpolate_columns(at_all, ends[known], values[known]) + moved[source]
 
     warmth = imu.temperature
@@ -161,12 +199,12 @@ def _divided(imu: ImuSamples, place: Indices, number: Indices, kinds: list[_Kind
     )
 
 
-def _warning(imu: ImuSamples, place: Indices, kinds: list[_Kind]) -> DataWarning:
+def _warning(imu: ImuSamples, place: Indices, kinds: list[_Kind], side: str) -> DataWarning:
     of = {name: kind for name, kind in zip(("rates", "accelerations"), kinds, strict=True) if kind is not _Kind.SAMPLE}
     first = at(imu.source, imu.row_of(int(place[0])))
     return DataWarning(
         "accumulated",
-        f"{imu.source.parent.name}: {place.size} {' and '.join(of)} after lost samples, the first at {first}, are "
-        f"{' and '.join(dict.fromkeys(kind.value for kind in of.values()))} over the interval since the sample before, "
+        f"{imu.source.parent.name}: {place.size} {' and '.join(of)} {side} lost samples, the first at {first}, are "
+        f"{' and '.join(dict.fromkeys(kind.value for kind in of.values()))} over these and themselves, "
         "as of a sensor that accumulates until it is read; the lost samples were put back by them",
     )

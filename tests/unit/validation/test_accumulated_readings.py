@@ -1,5 +1,6 @@
 """Sums and means over lost samples, of sensors that accumulate until they are read."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,26 @@ def test_sums_and_means_stand_for_the_samples_lost_before_them(most, means):
     (warning,) = warnings
     assert warning.message.startswith("imu0: 8 rates and accelerations after lost samples, the first at ")
     assert f"line {300 - 1 + 2}, are {'means' if means else 'sums'} over" in warning.message
+
+
+def test_sums_with_the_stamp_of_their_first_sample_come_before_the_lost_ones():
+    late, whole = lost([COUNT - 1 - place for place in PLACES], 2)
+    stamps = late.stamps_ns
+    imu = ImuSamples((stamps[0] + stamps[-1] - stamps)[::-1], late.rates[::-1], late.accelerations[::-1], late.source)
+    found, (warning,) = with_lost_samples(imu)
+    np.testing.assert_array_equal(found.stamps_ns, whole.stamps_ns)
+    np.testing.assert_allclose(found.rates, with_lost_samples(late)[0].rates[::-1])
+    assert np.all(np.diff(found.rows) >= 0)
+    assert f"before lost samples, the first at line {PLACES[0] + 2}" in warning.message
+
+
+def test_sums_that_are_cut_off_say_nothing():
+    imu, whole = lost(PLACES, 4)
+    cut = replace(imu, accelerations=np.clip(imu.accelerations, -28.0, 28.0))
+    assert np.any(cut.accelerations != imu.accelerations)
+    found, warnings = with_lost_samples(cut)
+    assert warnings
+    assert np.abs(found.accelerations - whole.accelerations).max() < 0.1  # straight lines over 25 ms
 
 
 def test_one_sensor_alone_may_keep_its_increments():
