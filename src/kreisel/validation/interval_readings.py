@@ -24,6 +24,12 @@ _LAGS = (1, 8)
 """Distance of a reading and those it is compared with, samples. Chosen: two timers in turn show between neighbours,
 intervals that change within some tenths of a second between samples that are further apart."""
 
+_ALIKE = 2e-3
+"""Share of an interval within which others are the same. Chosen: a timer varies by less, a scheduler by more."""
+
+_MOST = 0.6
+"""Share of the intervals that are the same from which theirs is the nominal one: of two timers, either has half."""
+
 _MANY = 20_000
 """Readings that are compared. Chosen: the squares are then known to a few per cent."""
 
@@ -60,12 +66,20 @@ def with_own_intervals(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     found = {name: _divided_by(values, t, longer) for name, values in _sensors(imu).items()}
     if not any(found.values()):
         return imu, []
-    factor = {None: np.ones((1, 1)), _Over.NOMINAL: 1.0 / longer[:, None], _Over.ARRIVAL: longer[:, None]}
+    nominal = _nominal(steps[single]) / mean
+    factor = {None: np.ones((1, 1)), _Over.NOMINAL: nominal / longer[:, None], _Over.ARRIVAL: longer[:, None]}
+    factor[_Over.NOMINAL][~single] = 1.0
     changed = {name: values * factor[found[name]] for name, values in _sensors(imu).items()}
     stamps = imu.stamps_ns
     if _Over.NOMINAL in found.values():
         stamps = stamps - np.round(0.5 * mean * (longer - 1.0)).astype(np.int64)
     return replace(imu, stamps_ns=stamps, **changed), [_warning(imu, found, float(np.std(longer[single])))]
+
+
+def _nominal(steps: Array) -> float:
+    """Return the interval by which a device divides increments: that of most samples, or the mean where there is none."""
+    usual = float(np.median(steps))
+    return usual if np.mean(np.abs(steps - usual) < _ALIKE * usual) > _MOST else float(steps.mean())
 
 
 def _sensors(imu: ImuSamples) -> dict[str, Array]:

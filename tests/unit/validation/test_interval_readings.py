@@ -91,6 +91,16 @@ def test_rates_with_stamps_that_scatter_stay(scatter):
         assert with_own_intervals(imu) == (imu, [])
 
 
+def test_the_nominal_interval_is_that_of_most_samples():
+    """Some increments are taken in two halves: the mean interval is 0.5 % shorter than the nominal one."""
+    taken = np.sort(np.concatenate([even(), even()[100:-100:200] + 0.5 * INTERVAL]))
+    imu = increments(taken, INTERVAL, taken[1:])
+    found, _ = with_own_intervals(imu)
+    halved = np.diff(taken) < 0.9 * INTERVAL
+    np.testing.assert_array_equal(found.rates[~halved], imu.rates[~halved])
+    np.testing.assert_allclose(found.rates[halved], 2.0 * imu.rates[halved], rtol=1e-6)
+
+
 def test_one_sensor_alone_may_give_increments():
     taken = two_timers()
     imu = increments(taken, INTERVAL, taken[1:])
