@@ -20,6 +20,7 @@ from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
 from kreisel.units import STANDARD_GRAVITY
 from kreisel.validation.finite_values import check_finite
 from kreisel.validation.masking import CHANNELS, without_faults, without_repeats
+from kreisel.validation.written_numbers import check_written
 
 _COLDEST, _HOTTEST = -80.0, 200.0
 """Degrees Celsius, of a sensor that works."""
@@ -43,6 +44,7 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
         check_finite(columns, names, imu)
     check_temperature(imu)
     _check_filled(imu)
+    check_written(imu)
     check_gravity(imu)
     warnings: list[DataWarning] = []
     for check_whole in (_check_dead, _check_copies):

@@ -77,7 +77,7 @@ def with_own_intervals(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
 
 
 def _nominal(steps: Array) -> float:
-    """Return the interval by which a device divides increments: that of most samples, or the mean where there is none."""
+    """Return the interval by which a device divides increments: that of most samples, or the mean without one."""
     usual = float(np.median(steps))
     return usual if np.mean(np.abs(steps - usual) < _ALIKE * usual) > _MOST else float(steps.mean())
 
