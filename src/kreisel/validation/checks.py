@@ -12,6 +12,7 @@ from kreisel.recording.digest import digest
 from kreisel.recording.recording import Recording
 from kreisel.validation.accumulated_readings import with_lost_samples, with_steps_of_one
 from kreisel.validation.empty_rows import without_missing
+from kreisel.validation.filled_rows import without_filled
 from kreisel.validation.imu_checks import check_imu
 from kreisel.validation.interval_readings import with_own_intervals
 from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
@@ -43,7 +44,8 @@ def check_streams(recording: Recording) -> Recording:
     """
     recording = recording if recording.sha256 else replace(recording, sha256=digest(recording))
     recording = in_order(without_repeated(without_missing(recording)))
-    imu, divided = with_own_intervals(with_restarts(recording.imu, moved=recording.reference is not None))
+    imu, filled = without_filled(with_restarts(recording.imu, moved=recording.reference is not None))
+    imu, divided = with_own_intervals(imu)
     imu, sampling = regularly_sampled(imu)
     reference, joints = recording.reference, recording.joints
     check_stamps(imu, "IMU")
@@ -51,7 +53,7 @@ def check_streams(recording: Recording) -> Recording:
     check_rate(stamped, None if reference is None else stamped_poses(reference))
     check_duration(stamped)
     imu, accumulated = with_lost_samples(imu)
-    warnings = divided + sampling + accumulated + gap_warnings(imu, LONG_GAP)
+    warnings = filled + divided + sampling + accumulated + gap_warnings(imu, LONG_GAP)
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
     if any(warning.subject == "repeats" for warning in found):
