@@ -13,7 +13,7 @@ from kreisel.recording.recording import Recording
 from kreisel.validation.accumulated_readings import with_lost_samples, with_steps_of_one
 from kreisel.validation.empty_rows import without_missing
 from kreisel.validation.filled_rows import without_filled
-from kreisel.validation.imu_checks import check_imu
+from kreisel.validation.imu_checks import check_imu, check_readings
 from kreisel.validation.interval_readings import with_own_intervals
 from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
 from kreisel.validation.ordering import in_order
@@ -30,6 +30,7 @@ from kreisel.validation.stamp_checks import (
     gap_warnings,
     gaps,
 )
+from kreisel.validation.written_numbers import check_written
 
 __all__ = ["LONG_GAP", "MIN_SECONDS", "check_streams", "gaps"]
 
@@ -44,6 +45,7 @@ def check_streams(recording: Recording) -> Recording:
     """
     recording = recording if recording.sha256 else replace(recording, sha256=digest(recording))
     recording = in_order(without_repeated(without_missing(recording)))
+    check_readings(recording.imu)
     imu, filled = without_filled(with_restarts(recording.imu, moved=recording.reference is not None))
     imu, divided = with_own_intervals(imu)
     imu, sampling = regularly_sampled(imu)
@@ -54,6 +56,7 @@ def check_streams(recording: Recording) -> Recording:
     check_duration(stamped)
     imu, accumulated = with_lost_samples(imu)
     warnings = filled + divided + sampling + accumulated + gap_warnings(imu, LONG_GAP)
+    check_written(imu)
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
     if any(warning.subject == "repeats" for warning in found):

@@ -20,7 +20,6 @@ from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
 from kreisel.units import STANDARD_GRAVITY
 from kreisel.validation.finite_values import check_finite
 from kreisel.validation.masking import CHANNELS, without_faults, without_repeats
-from kreisel.validation.written_numbers import check_written
 
 _COLDEST, _HOTTEST = -80.0, 200.0
 """Degrees Celsius, of a sensor that works."""
@@ -40,11 +39,8 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
     RecordingError
         For the first fault that would make results wrong.
     """
-    for columns, names in ((imu.rates, CHANNELS[:3]), (imu.accelerations, CHANNELS[3:])):
-        check_finite(columns, names, imu)
     check_temperature(imu)
     _check_filled(imu)
-    check_written(imu)
     check_gravity(imu)
     warnings: list[DataWarning] = []
     for check_whole in (_check_dead, _check_copies):
@@ -53,6 +49,12 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
     imu, masked = without_faults(imu, moved=moved)
     imu, repeated = without_repeats(imu)
     return imu, [*warnings, *masked, *repeated]
+
+
+def check_readings(imu: ImuSamples) -> None:
+    """Raise an error for readings that are no numbers, or that no sensor gives."""
+    for columns, names in ((imu.rates, CHANNELS[:3]), (imu.accelerations, CHANNELS[3:])):
+        check_finite(columns, names, imu)
 
 
 def check_temperature(imu: ImuSamples) -> None:
