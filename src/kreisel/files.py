@@ -49,12 +49,15 @@ def read_text(path: Path, most: int = MAX_TEXT) -> str:
     return read_bytes(path, most).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
 
 
-def read_toml(path: Path, example: str, error: Callable[[str], Exception]) -> dict[str, Any]:
-    """Return the content of a TOML file; where it cannot be, raise `error` of a message that ends with the example."""
+def read_toml(path: Path, example: str, error: Callable[[str], Exception], remedy: str = "") -> dict[str, Any]:
+    """Return the content of a TOML file; where it cannot be, raise `error` of a message with the example, or a remedy.
+
+    remedy: what to do if there is no such file, or none that can be read.
+    """
     try:
         return tomllib.loads(read_text(path))
     except OSError as failed:
-        raise error(f"cannot be read: {failed.strerror}") from failed
+        raise error(f"cannot be read: {failed.strerror}{remedy}") from failed
     except UnicodeDecodeError as failed:
         raise error(f"not UTF-8 text (byte {failed.start}); save it in UTF-8") from failed
     except (ValueError, RecursionError) as failed:

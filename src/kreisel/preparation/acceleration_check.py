@@ -45,8 +45,9 @@ class AccelerationFit:
         Cross-coupling of the accelerometers, whatever their order, signs and handedness.
     scale
         Bounds of the factor by which the positions are too large: noise in the positions makes the second too
-        large, noise in all else the first too small; both are three deviations wider. Zero and infinity where it,
-        or the direction of gravity, is not observable.
+        large, noise in all else the first too small. The second is three deviations larger, the first as much
+        smaller where it is not surely above one. Zero and infinity where it, or the direction of gravity, is not
+        observable.
     explained
         Share of gravity's change in the readings that is explained.
     agreement
@@ -162,7 +163,10 @@ def _homogeneous(unknown: Array, weight: Array, gravity: float, noise: float) ->
 
 
 def _min_scale(regressor: Array, reference: Array, weight: Array, gravity: float) -> float:
-    """Return gravity in the positions' unit over true gravity, fitted to the positions, less three deviations."""
+    """Return gravity in the positions' unit over true gravity, fitted to the positions.
+
+    Where that is not surely above one, three deviations less.
+    """
     root = np.sqrt(weight)[:, None, None]
     A = (np.concatenate([regressor, np.broadcast_to(np.eye(3), (len(reference), 3, 3))], axis=2) * root).reshape(-1, 18)
     accelerations = (reference * root[:, :, 0]).reshape(-1)
@@ -171,7 +175,8 @@ def _min_scale(regressor: Array, reference: Array, weight: Array, gravity: float
     # windows overlap by half or more and share their noise
     variance = 2.0 * float(np.sum((accelerations - A @ solution) ** 2)) / (3.0 * float(weight.sum()))
     covariance = variance * np.linalg.pinv(A.T @ A)[15:, 15:]
-    return (size - 3.0 * float(np.sqrt(g @ covariance @ g)) / max(size, 1e-30)) / gravity
+    least = size - 3.0 * float(np.sqrt(g @ covariance @ g)) / max(size, 1e-30)
+    return (size if least > gravity else least) / gravity
 
 
 def _agreement(predicted: Array, reference: Array, noise: float = 0.0) -> tuple[float, float]:

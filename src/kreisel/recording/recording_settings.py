@@ -262,7 +262,11 @@ def read_settings(path: Path) -> RecordingSettings:
     RecordingError
         If it is not TOML, has an unknown key (the known ones are listed) or an impossible value.
     """
-    content = read_toml(path, 'write tables and keys as in [imu], grade = "fog"', partial(RecordingError, file=path))
+    example, remedy = (
+        'write tables and keys as in [imu], grade = "fog"',
+        "; repair it, or remove it to use the defaults",
+    )
+    content = read_toml(path, example, partial(RecordingError, file=path), remedy)
     for name, table in content.items():
         kind = _kind_of(name)
         if kind not in _TABLES and kind not in _OPEN:

@@ -196,12 +196,14 @@ def _offsets_at_rest(problem: Problem, added: Array, count: int) -> Array:
     """Return columns (n, 3) by what terms add to the gyros at rest: their offsets there are not those of the whole.
 
     A linear description that fits best over a recording and one of the sensor at rest differ by it, and either is used.
+    Offsets that are known before any look at the data differ by no more than that.
     """
     columns = np.zeros((count, 3))
     if "gyro_offset" in problem.layout:
         first = problem.layout["gyro_offset"].start
+        known = np.sqrt(np.diag(problem.prior.covariance["gyro_offset"]))
         for i, axis in enumerate(problem.layout.present("gyro_offset")):
-            columns[first + i, axis] = added[axis]
+            columns[first + i, axis] = np.clip(added[axis], -known[i], known[i])
     return columns
 
 
