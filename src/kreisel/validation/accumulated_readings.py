@@ -16,6 +16,7 @@ from kreisel.geometry.interpolation import interpolate_columns
 from kreisel.geometry.rotation import Array, Indices
 from kreisel.recording.location import at
 from kreisel.recording.recording import DataWarning, ImuSamples
+from kreisel.validation.masking import part_of
 
 _MOST, _LONGEST_NS = 10, 5e7
 """Samples that one reading stands for at most, or their time. Chosen: neighbours then still resemble each other."""
@@ -29,16 +30,15 @@ _LEAST = 3
 _CLEAR = 0.1
 """Squares that one kind leaves, of those that any other leaves. Chosen: sums left 1e-3 or less, means 0.004 to 0.05."""
 
-
 _WHOLE = 0.01
 """The same of a single sum from which it is cut off at the end of a range: a tenth of what it is more than a mean."""
+
+_CERTAIN = 50.0
+"""Difference of such squares, over those of usual readings, beyond which it shows. Chosen: 25 in the log-likelihood."""
 
 _EVEN = 1.5
 """Ratio of the longest to the shortest distance of places up to which they are evenly spread. Chosen: a beat of two
 rates changes by a few samples; in six places at random it is beyond 1.5 in 99 of 100."""
-
-_CERTAIN = 50.0
-"""Difference of such squares, over those of usual readings, beyond which it shows. Chosen: 25 in the log-likelihood."""
 
 
 class _Kind(Enum):
@@ -50,20 +50,18 @@ class _Kind(Enum):
 
 
 def with_lost_samples(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
-    """Return the samples with lost ones put back where a reading stands for them, too, and the warning about it.
+    """Return the samples with lost ones restored where a reading stands for them, too, and the warning about it.
 
     A sum has the stamp of its last sample, or of its first: then it comes before the long step. Seen backwards in time,
     these are the same.
     """
-    place, number = _after_long_steps(imu)
-    kinds = [_kind(values, place, number) for values in (imu.rates, imu.accelerations)]
+    place, number, kinds = _kinds(imu)
     if any(kind is not _Kind.SAMPLE for kind in kinds):
         return _divided(imu, place, number, kinds), [_warning(imu, place, kinds, "after")]
     if place.size < _LEAST:
         return imu, []
     backwards = _backwards(imu)
-    place, number = _after_long_steps(backwards)
-    kinds = [_kind(values, place, number) for values in (backwards.rates, backwards.accelerations)]
+    place, number, kinds = _kinds(backwards)
     if _Kind.SUM not in kinds or _Kind.MEAN in kinds:
         return imu, []
     found = _backwards(_divided(backwards, place, number, kinds))
@@ -72,15 +70,8 @@ def with_lost_samples(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
 
 def _backwards(imu: ImuSamples) -> ImuSamples:
     """Return the samples in reverse, with stamps from the last to the first."""
-    stamps, warmth = imu.stamps_ns, imu.temperature
-    return replace(
-        imu,
-        stamps_ns=(stamps[0] + stamps[-1] - stamps)[::-1],
-        rates=imu.rates[::-1],
-        accelerations=imu.accelerations[::-1],
-        temperature=None if warmth is None else warmth[::-1],
-        rows=np.asarray(np.arange(stamps.size) if imu.rows is None else imu.rows)[::-1],
-    )
+    back = part_of(imu, np.arange(imu.stamps_ns.size)[::-1])
+    return replace(back, stamps_ns=imu.stamps_ns[0] + imu.stamps_ns[-1] - back.stamps_ns)
 
 
 def with_steps_of_one(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
@@ -121,6 +112,12 @@ def _after_long_steps(imu: ImuSamples) -> tuple[Indices, Indices]:
     most = max(_MOST, round(_LONGEST_NS / usual))
     place = np.flatnonzero(even[1:-1] & (count[1:-1] > 1) & (count[1:-1] <= most) & single[:-2] & single[2:]) + 2
     return place, count[place - 1]
+
+
+def _kinds(imu: ImuSamples) -> tuple[Indices, Indices, list[_Kind]]:
+    """Return the places after long steps, how many intervals these are, and what rates and accelerations are there."""
+    place, number = _after_long_steps(imu)
+    return place, number, [_kind(values, place, number) for values in (imu.rates, imu.accelerations)]
 
 
 def _kind(values: Array, place: Indices, number: Indices) -> _Kind:
@@ -173,10 +170,11 @@ def _divided(imu: ImuSamples, place: Indices, number: Indices, kinds: list[_Kind
     repeats = np.ones(imu.stamps_ns.size, dtype=np.int64)
     repeats[place] = number
     source = np.repeat(np.arange(repeats.size), repeats)
-    ends, at_all = (np.cumsum(repeats) - 1).astype(np.float64), np.arange(source.size, dtype=np.float64)
+    last = np.cumsum(repeats) - 1
+    ends, at_all = last.astype(np.float64), np.arange(source.size, dtype=np.float64)
     stamps = np.interp(at_all, ends, imu.stamps_ns - imu.stamps_ns[0])
     new = imu.stamps_ns[0] + np.round(stamps).astype(np.int64)
-    new[np.cumsum(repeats) - 1] = imu.stamps_ns
+    new[last] = imu.stamps_ns
 
     def filled(values: Array, kind: _Kind) -> Array:
         known = np.ones(repeats.size, dtype=bool)
@@ -188,15 +186,8 @@ def _divided(imu: ImuSamples, place: Indices, number: Indices, kinds: list[_Kind
             moved[place] = whole[:, None] * (mean - 0.5 * (values[place - 1] + values[place + 1]))
         return interpolate_columns(at_all, ends[known], values[known]) + moved[source]
 
-    warmth = imu.temperature
-    return replace(
-        imu,
-        stamps_ns=new,
-        rates=filled(imu.rates, kinds[0]),
-        accelerations=filled(imu.accelerations, kinds[1]),
-        temperature=None if warmth is None else warmth[source],
-        rows=np.asarray(np.arange(repeats.size) if imu.rows is None else imu.rows)[source],
-    )
+    rates, accelerations = (filled(*own) for own in zip((imu.rates, imu.accelerations), kinds, strict=True))
+    return replace(part_of(imu, source), stamps_ns=new, rates=rates, accelerations=accelerations)
 
 
 def _warning(imu: ImuSamples, place: Indices, kinds: list[_Kind], side: str) -> DataWarning:
@@ -206,5 +197,5 @@ def _warning(imu: ImuSamples, place: Indices, kinds: list[_Kind], side: str) -> 
         "accumulated",
         f"{imu.source.parent.name}: {place.size} {' and '.join(of)} {side} lost samples, the first at {first}, are "
         f"{' and '.join(dict.fromkeys(kind.value for kind in of.values()))} over these and themselves, "
-        "as of a sensor that accumulates until it is read; the lost samples were put back by them",
+        "as of a sensor that accumulates until it is read; the lost samples were restored by them",
     )

@@ -29,15 +29,13 @@ def without_filled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     """
     if imu.stamps_ns.size < MIN_PART:
         return imu, []
-    values = np.hstack([imu.rates, imu.accelerations])
-    every = np.arange(1, len(values) - 1, max(1, len(values) // _MANY))
-    some = np.abs(values[every - 1] - 2.0 * values[every] + values[every + 1])
+    some = _second_differences(imu, max(1, imu.stamps_ns.size // _MANY))
     usual = np.median(some, axis=0)
     small = some < _STRAIGHT * usual
     others = small[~small.all(axis=1)]
     if not usual.all() or len(others) == len(small) or not len(others) or others.mean(axis=0).max() > _BY_CHANCE:
         return imu, []
-    filled = _straight(values, usual)
+    filled = _straight(imu, usual)
     if not filled.any():
         return imu, []
     first = at(imu.source, imu.row_of(int(np.argmax(filled))))
@@ -48,11 +46,18 @@ def without_filled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     return part_of(imu, ~filled), [DataWarning("lost", text)]
 
 
-def _straight(values: Array, usual: Array) -> Mask:
+def _second_differences(imu: ImuSamples, every: int = 1) -> Array:
+    """Return the sizes of second differences about every so-many-th sample but the first and last, (m, 6)."""
+    sensors = (imu.rates, imu.accelerations)
+    return np.abs(np.hstack([x[:-2:every] - 2.0 * x[1:-1:every] + x[2::every] for x in sensors]))
+
+
+def _straight(imu: ImuSamples, usual: Array) -> Mask:
     """Return which samples (n,) lie on a line with their neighbours, some of them in a row."""
-    mask = np.zeros(len(values), dtype=bool)
-    mask[1:-1] = (np.abs(values[:-2] - 2.0 * values[1:-1] + values[2:]) < _STRAIGHT * usual).all(axis=1)
+    mask = np.zeros(imu.stamps_ns.size, dtype=bool)
+    mask[1:-1] = (_second_differences(imu) < _STRAIGHT * usual).all(axis=1)
     for begin, end in zip(*runs(mask), strict=True):
-        changed = np.abs(values[end] - values[begin - 1]) > _STRAIGHT * usual
+        across = np.concatenate([x[end] - x[begin - 1] for x in (imu.rates, imu.accelerations)])
+        changed = np.abs(across) > _STRAIGHT * usual
         mask[begin:end] = end - begin >= _LEAST and changed.all()
     return mask

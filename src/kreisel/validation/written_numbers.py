@@ -22,7 +22,7 @@ _FRACTIONS = 200
 
 
 def check_written(imu: ImuSamples) -> None:
-    """Raise an error if numbers have lost the sign of a whole part of zero, or zeros behind the point.
+    """Raise an error if numbers have lost the sign of a whole part of zero, or zeros after the decimal point.
 
     Raises
     ------
