@@ -11,7 +11,7 @@ from kreisel.preparation.axis_order import LEFT_HANDED_GYROS, disorder, turn_bet
 from kreisel.preparation.preparation import Preparation
 from kreisel.preparation.reference_noise import stamp_resolution
 from kreisel.preparation.turning_axes import turns
-from kreisel.recording.location import is_table, wrong_unit
+from kreisel.recording.location import header_fault, wrong_unit
 from kreisel.recording.recording import ReferencePoses
 from kreisel.synchronization.clock import MAX_SKEW
 from kreisel.synchronization.conventions import better_reading
@@ -80,18 +80,16 @@ def _check_gravity(preparation: Preparation) -> None:
     mean = (windows.regressor[:, :, :9] @ preparation.rate_fit.K_omega.ravel()).mean(axis=0)
     share = float(np.linalg.norm(mean)) / preparation.site.gravity
     if share < _REMOVED and np.median(lengths(imu.accelerations)) < _FULL * preparation.site.gravity:
-        raise RecordingError(
+        raise header_fault(
+            imu.source,
             f"rotated by the orientations, the accelerometers' readings have a mean of {share:.2g} g, expected 1: was "
             "gravity removed (linear acceleration)? Raw readings are needed",
-            file=imu.source,
-            line=1 if is_table(imu.source) else None,
         )
 
 
 def _check_gyros(preparation: Preparation) -> None:
     imu, fit = preparation.recording.imu, preparation.rate_fit
     source = imu.source
-    line = 1 if is_table(source) else None
     size = float(np.cbrt(abs(np.linalg.det(fit.K_omega))))
     for unit, factor in _RATES.items():
         if 0.7 < size * factor < 1.4 and (factor > 1.0 or imu.units.rate is not None):
@@ -99,11 +97,10 @@ def _check_gyros(preparation: Preparation) -> None:
             raise wrong_unit(imu, evidence, "rate", 1.0 / factor, unit)
     interval = imu.interval
     if 0.7 < size * interval < 1.4:
-        raise RecordingError(
+        raise header_fault(
+            source,
             f"the gyros read {1.0 / size:.3g} times the reference's rates: they look like angles per sample; "
             f"divide them by the interval of {interval:.4g} s",
-            file=source,
-            line=line,
         )
     _check_units_of_axes(preparation)
     uncertainty = fit.K_omega_sd.max(axis=0)
@@ -117,19 +114,14 @@ def _check_gyros(preparation: Preparation) -> None:
         )
     if not 0.4 < singular[-1] <= singular[0] < 2.5:
         _check_turned(preparation.reference, fit.K_omega)
-        raise RecordingError(
+        raise header_fault(
+            source,
             f"gyro readings and the reference's rates differ by factors of {1 / singular[0]:.3g} to "
             f"{1 / max(singular[-1], 1e-9):.3g}, expected near 1: check the unit of the gyros; different "
             "factors indicate poses of another run, or a gyro that does not work",
-            file=source,
-            line=line,
         )
     if np.linalg.det(fit.K_omega) < 0.0:
-        raise RecordingError(
-            LEFT_HANDED_GYROS,
-            file=source,
-            line=line,
-        )
+        raise header_fault(source, LEFT_HANDED_GYROS)
 
 
 def _check_units_of_axes(preparation: Preparation) -> None:
@@ -141,11 +133,10 @@ def _check_units_of_axes(preparation: Preparation) -> None:
         other = (size * factor > 0.7) & (size * factor < 1.4) & (sd * factor < MAX_SENSITIVITY_SD)
         if right.any() and other.any() and (right | other).all() and not (right & other).any():
             names = " and ".join(f"w_{axis}" for axis in np.array(list("xyz"))[other])
-            raise RecordingError(
+            raise header_fault(
+                source,
                 f"the gyros {names} read {factor:.3g} times the reference's rates, the others do not: they look like "
                 f"{unit}; convert all to one unit",
-                file=source,
-                line=1 if is_table(source) else None,
             )
 
 
@@ -202,7 +193,7 @@ def _check_accelerometers(preparation: Preparation, fit: AccelerationFit) -> Non
             )
     if wrong is not None:
         source = preparation.recording.imu.source
-        raise RecordingError(wrong, file=source, line=1 if is_table(source) else None)
+        raise header_fault(source, wrong)
     _check_lengths(reference, fit, arm=preparation.recording.joints is not None)
     if not agreed:
         raise RecordingError(

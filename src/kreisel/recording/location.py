@@ -44,6 +44,11 @@ def fault(source: Path, message: str, row: int | None = None) -> RecordingError:
     return RecordingError(f"{'row' if is_mapped(source) else 'message'} {row + 1}: {message}", file=source)
 
 
+def header_fault(source: Path, message: str) -> RecordingError:
+    """Return the error for a fault of all rows, or of a whole column: of a table, at its header."""
+    return RecordingError(message, file=source, line=1 if is_table(source) else None)
+
+
 def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, otherwise: str = "") -> RecordingError:
     """Return the error for numbers that look like another unit than the one they are read in.
 

@@ -15,7 +15,7 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, lengths
 from kreisel.recording.header import UNITS
-from kreisel.recording.location import is_table, wrong_unit
+from kreisel.recording.location import header_fault, wrong_unit
 from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
 from kreisel.units import STANDARD_GRAVITY
 from kreisel.validation.finite_values import check_finite
@@ -91,10 +91,11 @@ def _check_filled(imu: ImuSamples) -> None:
 def check_quantities(imu: ImuSamples) -> None:
     """Raise an error for raw converter readings, which say nothing in rad/s and m/s^2."""
     if imu.units.counted("rate") or imu.units.counted("acceleration"):
-        raise RecordingError(
+        raise header_fault(
+            imu.source,
             "the readings are raw counts: `kreisel static` finds what a count is; convert them to rad/s and m/s^2 for "
-            "anything else", file=imu.source, line=1 if is_table(imu.source) else None,
-        )  # fmt: skip
+            "anything else",
+        )
 
 
 _SHAKEN, _GENTLE = 150.0, 10.0
@@ -125,7 +126,7 @@ def check_gravity(imu: ImuSamples) -> None:
         advice = "was gravity removed, or are the columns in another order? Raw readings are needed"
     else:
         advice = "are they raw counts? Convert them to m/s^2, or write [counts] for `kreisel static`"
-    raise RecordingError(f"{got}; {advice}", file=imu.source, line=1 if is_table(imu.source) else None)
+    raise header_fault(imu.source, f"{got}; {advice}")
 
 
 def _usual_length(vectors: Array, share: float = 50.0) -> float:
@@ -150,9 +151,8 @@ def _check_dead(imu: ImuSamples) -> None:
 def _check_copies(imu: ImuSamples) -> None:
     for (a, x), (b, y) in combinations(zip(CHANNELS, _channels(imu), strict=True), 2):
         if x[0] == y[0] and np.array_equal(x, y):
-            raise RecordingError(
+            raise header_fault(
+                imu.source,
                 f"{a} and {b} hold the same numbers in all rows; one column was written twice: "
                 "check how the file was made, and record again",
-                file=imu.source,
-                line=1 if is_table(imu.source) else None,
             )

@@ -10,7 +10,7 @@ import numpy as np
 from kreisel.errors import RecordingError, RobotError
 from kreisel.geometry.interpolation import nearest
 from kreisel.geometry.rotation import Array, Indices, Mask, conjugate, lengths, log, multiply
-from kreisel.recording.location import is_table
+from kreisel.recording.location import header_fault, is_table
 from kreisel.recording.recording import DataWarning, JointAngles, ReferencePoses, Stamps
 from kreisel.robot import kinematics
 from kreisel.robot.description import Arm, parse_arm
@@ -138,8 +138,7 @@ def looks_like_degrees(joints: JointAngles, evidence: str) -> RecordingError:
         remedy = "write q_1 [deg] into the header"
     else:
         remedy = f"the header says [{joints.units.angle}]: correct it, or the numbers"
-    line = 1 if is_table(joints.source) else None
-    return RecordingError(f"{evidence}: joint angles look like degrees; {remedy}", file=joints.source, line=line)
+    return header_fault(joints.source, f"{evidence}: joint angles look like degrees; {remedy}")
 
 
 def distance(arm: Arm, angles: Array, reference: ReferencePoses) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Indices
 from kreisel.recording.header import UNITS
-from kreisel.recording.location import ARRAYS, and_more, at, fault, is_mapped, is_table, rows
+from kreisel.recording.location import ARRAYS, and_more, at, fault, header_fault, is_mapped, is_table, rows
 from kreisel.recording.recording import DataWarning, ImuSamples, Stamps
 
 MIN_SECONDS = 5.0
@@ -158,7 +158,7 @@ class Stamped:
 
     def error(self, message: str) -> RecordingError:
         """Return the error for the stream's header."""
-        return RecordingError(message, file=self.source, line=1 if is_table(self.source) else None)
+        return header_fault(self.source, message)
 
 
 def check_rate(stream: Stamped, other: Stamped | None = None) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
-from kreisel.recording.location import is_table
+from kreisel.recording.location import header_fault
 from kreisel.recording.recording import ImuSamples
 from kreisel.validation.masking import CHANNELS
 
@@ -35,8 +34,7 @@ def check_written(imu: ImuSamples) -> None:
     for name, column, size in zip(CHANNELS, columns, sizes, strict=True):
         text = _without_sign(column) or _without_zeros(column / size)
         if text is not None:
-            line = 1 if is_table(imu.source) else None
-            raise RecordingError(f"{name}: {text}", file=imu.source, line=line)
+            raise header_fault(imu.source, f"{name}: {text}")
 
 
 def _without_sign(values: Array) -> str | None:
