@@ -29,6 +29,10 @@ _BREAK = 0.05
 _BLOCK = 2.0
 """Seconds over which stamps are averaged to check whether they follow a straight line."""
 
+_ONE_MISSING = 0.6
+"""Intervals by which the earliest stamps after a place are later than those before it where a sample is missing.
+Chosen: just above the half."""
+
 _STRAIGHT = 2e-4
 """s; by how much these averages may deviate from a straight line, besides their scatter."""
 
@@ -118,8 +122,23 @@ def regularly_sampled(imu: ImuSamples, *, repeats: bool = False) -> tuple[ImuSam
     steps = np.diff(seconds)
     # samples that arrive late, or many at once, come with long steps between them again and again
     longest = max(_BREAK, 5.0 * mean, 1.5 * float(np.percentile(steps, 99.9)))
-    lines = _of_parts(seconds, longest, _fitted)
+    lines = _through_all(seconds, longest) or _of_parts(seconds, longest, _fitted)
     return (imu, []) if lines is None else _on_lines(imu, lines)
+
+
+def _through_all(seconds: Array, longest: float) -> list[tuple[slice, _Line]] | None:
+    """Return one line through all stamps where none is missing at the long steps: a queue that was held up.
+
+    The stamps after such a step are late, and return to the line of those before it; after missing samples they do not.
+    """
+    steps = np.flatnonzero(np.diff(seconds) > longest) + 1
+    if not steps.size:
+        return None
+    line = _robust_line(seconds, np.arange(seconds.size), float(seconds[-1]) / (seconds.size - 1))
+    left = seconds - line.stamps
+    window, most = round(_BLOCK / line.interval), _ONE_MISSING * line.interval
+    returned = all(left[k : k + window].min() - left[max(k - window, 0) : k].min() < most for k in steps.tolist())
+    return [(slice(0, seconds.size), line)] if returned and _straight(left, line.interval) else None
 
 
 def _of_parts(
@@ -261,7 +280,7 @@ def _by_envelope(t: Array, interval: float) -> Stamps | None:
     for _ in range(t.size // 50):
         ahead = _earliest_ahead(offset, window)
         before = np.concatenate([[ahead[0]], _earliest_ahead(offset[::-1], window)[::-1][:-1]])
-        jumps = np.flatnonzero(ahead - before > 0.6 * interval)
+        jumps = np.flatnonzero(ahead - before > _ONE_MISSING * interval)
         if jumps.size == 0:
             return number
         k = int(jumps[0])

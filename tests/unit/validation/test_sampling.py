@@ -103,6 +103,36 @@ def test_a_long_gap_divides_the_line():
     assert_recovered(found, taken, 1e-4)
 
 
+def queued(stamped, held, seed):
+    """Return stamps at the end of a queue that sends four times as fast, held up at some moments, s (m, 2)."""
+    arrival, last = np.empty(stamped.size), -1.0
+    service = np.random.default_rng(seed).exponential(INTERVAL / 4.0, stamped.size)
+    for k, moment in enumerate(stamped):
+        ready = max(moment, last)
+        for begin, seconds in held:
+            ready = begin + seconds if begin <= ready < begin + seconds else ready
+        last = arrival[k] = ready + service[k]
+    return arrival
+
+
+@pytest.mark.parametrize("begin", [0.5, 10.0, 29.2])
+def test_a_queue_that_is_held_up_has_lost_nothing(begin):
+    arrival = queued(regular(), [(begin, 0.2), (12.0, 0.09)], seed=6)
+    found, (warning,) = regularly_sampled(samples(regular(), arrival))
+    assert_recovered(found, regular(), 5e-5)
+    assert "missing" not in str(warning)
+
+
+@pytest.mark.parametrize("place", [150, 3000, COUNT - 150])
+@pytest.mark.parametrize("missing", [1, 20])
+def test_samples_that_a_queue_loses_stay_missing(place, missing):
+    number = np.r_[0:place, place + missing : COUNT]
+    arrival = queued(regular(number), [(INTERVAL * place, 0.2)], seed=7)
+    found, _ = regularly_sampled(samples(regular(number), arrival))
+    step = np.diff(found.stamps_ns)[place - 2 : place + 2].sum() * 1e-9
+    assert step > (3.0 + 0.5 * missing) * INTERVAL
+
+
 def test_samples_that_were_taken_unevenly_are_left():
     """A program that asks the sensor when it comes round to it, and stamps what it gets: the stamps are true."""
     taken = regular() + np.random.default_rng(5).normal(0.0, 5e-4, COUNT)
