@@ -11,7 +11,7 @@ from kreisel.application.unit_check import check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.files import open_fresh
-from kreisel.formats.folder import is_folder
+from kreisel.formats.folder import is_folder, read_imu_table
 from kreisel.formats.input_formats import SUFFIXES, InputFormat, format_of
 from kreisel.formats.loading import mapped_recording, not_a_recording
 from kreisel.formats.mapped import settings_beside
@@ -20,10 +20,14 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import follows_temperature
 from kreisel.progress import StepProgress
 from kreisel.recording.recording import DataWarning, ImuSamples
+from kreisel.validation.as_sampled import sampled_rows
 
 _BLOCK = 1 << 20
 """Bytes of a table that are read at once; the header line must lie within the first of them. Chosen: ten thousand rows
 of a hundred bytes: few calls for each row, and little memory for tables of any length."""
+
+_READ_WHOLE = 1 << 30
+"""Bytes of a table up to which it is read before rows are corrected, for moments of sampling. Chosen: 5 h at 400 Hz."""
 
 TOPIC = "/imu/data_calibrated"
 """Topic of corrected readings in bags, beside the raw ones."""
@@ -190,7 +194,9 @@ def apply_to_table(
     """
     if not table.is_file():
         raise RecordingError("no such file; expected IMU readings there", file=table)
-    corrected, size = CorrectedTable(calibration, table, check=not force), max(table.stat().st_size, 1)
+    size = max(table.stat().st_size, 1)
+    sampled, notes = _sampled(table) if size < _READ_WHOLE else (None, [])
+    corrected = CorrectedTable(calibration, table, check=not force, sampled=sampled)
     with table.open("rb") as source:
         while data := source.read(_BLOCK):
             write(corrected.feed(data))
@@ -199,22 +205,40 @@ def apply_to_table(
         rest, cut = corrected.close()
         write(rest)
     lost = [] if cut is None else [f"{table}: the last line has no end ('{cut[-40:]}') and was left out"]
-    return corrected.rows, (*corrected.notes, *lost)
+    return corrected.rows, (*corrected.notes, *notes, *lost)
+
+
+def _sampled(table: Path) -> tuple[ImuSamples | None, list[str]]:
+    """Return the samples of a table as a calibration takes them, row by row, and notes."""
+    try:
+        raw = read_imu_table(table, [])
+    except RecordingError:
+        return None, []  # the rows are read once more, and the fault is raised with its line
+    sampled, found = sampled_rows(raw)
+    return sampled, _notes(found)
+
+
+def _notes(found: list[DataWarning]) -> list[str]:
+    """Return what to know about rows that are not corrected as they stand."""
+    return [f"{warning}; stamps are written as they were read" for warning in found]
 
 
 def _to_table(calibration: Calibration, raw: ImuSamples, out: Path, warnings: Iterable[DataWarning]) -> Applied:
     table = out if out.suffix.lower() == ".csv" else out / "imu0" / "data.csv"
-    omega, f = _corrected(calibration, raw)
+    omega, f, notes = _corrected(calibration, raw)
     table.parent.mkdir(parents=True, exist_ok=True)
     write_imu_table(table, raw.stamps_ns, omega, f)
-    return Applied(table, len(omega), tuple(map(str, warnings)))
+    return Applied(table, len(omega), (*map(str, warnings), *notes))
 
 
-def _corrected(calibration: Calibration, raw: ImuSamples) -> tuple[Array, Array]:
+def _corrected(calibration: Calibration, raw: ImuSamples) -> tuple[Array, Array, list[str]]:
+    """Return angular rate and specific force of every sample, (n, 3) each, and notes."""
+    raw, found = sampled_rows(raw)
     try:
-        return calibration.correct(raw.rates, raw.accelerations, raw.stamps_ns, raw.temperature)
+        omega, f = calibration.correct(raw.rates, raw.accelerations, raw.stamps_ns, raw.temperature)
     except RecordingError as error:
         raise RecordingError(error.message, file=raw.source) from error
+    return omega, f, _notes(found)
 
 
 def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, topic: str, *, force: bool) -> Applied:
@@ -232,6 +256,6 @@ def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, top
             warm=follows_temperature(calibration.sensors.effects),
             counts=calibration.counts,
         )
-    omega, f = _corrected(calibration, found.samples)
+    omega, f, notes = _corrected(calibration, found.samples)
     copy_with_topic(raw, out, found, topic, found.with_readings(omega, f))
-    return Applied(out, len(omega), tuple(map(str, found.warnings)))
+    return Applied(out, len(omega), (*map(str, found.warnings), *notes))

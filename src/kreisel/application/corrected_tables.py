@@ -11,17 +11,21 @@ from numpy.typing import NDArray
 from kreisel.application.unit_check import check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
+from kreisel.estimation.robust import normal_scale
 from kreisel.formats.imu_lines import ImuLines, ImuRows
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import follows_temperature
-from kreisel.recording.recording import ImuSamples
+from kreisel.recording.recording import ImuSamples, Stamps
+from kreisel.validation.masking import part_of
 
 HEADER = "w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 """Columns of what is written; in front of it the stamps as they were read, after it the other columns."""
 
-
-_CHECKED = 200
+CHECKED = 200
 """Rows whose units are checked together, where there are so many: fewer may be a moment of free fall."""
+
+_SCATTER = 0.05
+"""Scatter of steps between stamps, in intervals, that is noted: derivatives of the rates scatter by as much."""
 
 
 class CorrectedTable:
@@ -35,6 +39,9 @@ class CorrectedTable:
         The file, or a name of the stream, for messages.
     check
         Whether to check the units of the first readings.
+    sampled
+        All samples of the table as `validation.as_sampled.sampled_rows` returns them, where they are known: they are
+        corrected instead of those that the rows hold.
 
     Attributes
     ----------
@@ -42,13 +49,17 @@ class CorrectedTable:
         Number of rows returned so far.
     """
 
-    def __init__(self, calibration: Calibration, source: Path, *, check: bool = True) -> None:
+    def __init__(
+        self, calibration: Calibration, source: Path, *, check: bool = True, sampled: ImuSamples | None = None
+    ) -> None:
         self._check, self._warm = check, follows_temperature(calibration.sensors.effects)
         self._counts = calibration.counts
         self._first: list[ImuRows] = []
         self._lines, self._stream = ImuLines(source), calibration.stream()
         self._waiting: deque[tuple[str, str]] = deque()
         self._source, self._header_written = source, False
+        self._sampled, self._taken = sampled, 0
+        self._scatter: list[str] = []
         self.rows = 0
 
     def feed(self, data: bytes) -> bytes:
@@ -65,13 +76,23 @@ class CorrectedTable:
             return out
         if self._check:
             self._first.append(found)
-            self._look_at(_CHECKED)
+            self._look_at(CHECKED)
         self._waiting.extend(zip(found.stamp_texts, found.others, strict=True))
+        own = self._as_sampled(found)
         try:
-            done = self._stream.push(found.rates, found.accelerations, found.stamps_ns, found.temperature)
+            done = self._stream.push(own.rates, own.accelerations, own.stamps_ns, found.temperature)
         except RecordingError as error:
             raise RecordingError(error.message, file=self._source) from error
         return out + self._written(done)
+
+    def _as_sampled(self, found: ImuRows) -> ImuRows | ImuSamples:
+        """Return what is corrected for some rows."""
+        if self._sampled is None:
+            return found
+        begin, self._taken = self._taken, self._taken + len(found.rates)
+        if self._taken > len(self._sampled.rates):
+            raise RecordingError("changed while it was read; apply the calibration again", file=self._source)
+        return part_of(self._sampled, np.arange(begin, self._taken))
 
     def _look_at(self, least: int) -> None:
         """Check the units of the first rows, once there are so many of them."""
@@ -84,6 +105,8 @@ class CorrectedTable:
         warm = [part.temperature for part in self._first if part.temperature is not None]
         samples = ImuSamples(stamps, rates, forces, self._source, temperature=np.concatenate(warm) if warm else None)
         check_units(samples, stated=False, warm=self._warm, counts=self._counts)
+        if self._sampled is None:
+            self._scatter = scatter_of_stamps(stamps)
         self._check, self._first = False, []
 
     def close(self) -> tuple[bytes, str | None]:
@@ -104,8 +127,8 @@ class CorrectedTable:
 
     @property
     def notes(self) -> list[str]:
-        """What to know about the columns."""
-        return [str(note) for note in self._lines.notes] if self._warm else []
+        """What to know about the columns, and about readings that a calibration would not take as they are."""
+        return [*([str(note) for note in self._lines.notes] if self._warm else []), *self._scatter]
 
     def _header(self) -> bytes:
         if self._header_written or self._lines.header is None:
@@ -120,3 +143,18 @@ class CorrectedTable:
         texts = [self._waiting.popleft() for _ in range(len(omega))]
         rows = zip(texts, np.hstack([omega, f]).tolist(), strict=True)
         return "".join(f"{stamp},{','.join(map(repr, row))}{others}\n" for (stamp, others), row in rows).encode()
+
+
+def scatter_of_stamps(stamps: Stamps) -> list[str]:
+    """Return a note where steps between the first stamps of a stream, ns, scatter about whole intervals."""
+    steps = np.diff(stamps)
+    if steps.size < 2:
+        return []
+    usual = float(np.median(steps))
+    scatter = normal_scale(steps - np.maximum(np.round(steps / usual), 1.0) * usual)
+    if scatter < _SCATTER * usual:
+        return []
+    return [
+        f"steps between the first {stamps.size} stamps scatter by {1e-6 * scatter:.2g} ms about {1e-6 * usual:.4g} ms, "
+        "and with them what lever arms contribute to the forces; where stamps are moments of arrival, apply to a file"
+    ]

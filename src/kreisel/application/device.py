@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Callable
 
 import numpy as np
 
-from kreisel.application.corrected_tables import HEADER
+from kreisel.application.corrected_tables import CHECKED, HEADER, scatter_of_stamps
 from kreisel.calibration.result import Calibration
 from kreisel.devices.events import Arrival, Event
 from kreisel.errors import RecordingError
@@ -34,6 +34,7 @@ async def correct_events(
     """
     write(f"#timestamp [ns],{HEADER}\n".encode())
     stream, last = calibration.stream(), -1
+    first: list[int] | None = []
     async for event in events:
         if not isinstance(event, Arrival):
             note(event.text)
@@ -49,6 +50,12 @@ async def correct_events(
             write(_rows(*stream.close()))
             stream = calibration.stream()
         last = sample.stamp_ns
+        if first is not None:
+            first.append(last)
+            if len(first) == CHECKED:
+                for text in scatter_of_stamps(np.array(first)):
+                    note(text)
+                first = None
         done = stream.push([sample.rate], [sample.acceleration], np.array([last]))
         if done[0].size:
             write(_rows(*done))

@@ -246,6 +246,8 @@ def _from_standard_input(calibration: Calibration, write: Write, *, force: bool)
         pass
     rest, cut = table.close()
     write(rest)
+    for note in table.notes:
+        typer.echo(f"· {note}", err=True)
     if cut is not None:
         typer.echo(f"· the last line had no end and was left out: {cut[-40:]}", err=True)
 

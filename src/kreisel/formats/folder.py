@@ -100,7 +100,18 @@ def _imu_folder(root: Path, name: str) -> Path:
 
 
 def _read_imu(folder: Path, warnings: list[DataWarning]) -> ImuSamples:
-    table = read_table(folder / "data.csv", "IMU readings")
+    return read_imu_table(folder / "data.csv", warnings)
+
+
+def read_imu_table(path: Path, warnings: list[DataWarning]) -> ImuSamples:
+    """Return the readings in the table of an IMU, as they were recorded, and add what was found in them.
+
+    Raises
+    ------
+    RecordingError
+        If the table cannot be read, with its line.
+    """
+    table = read_table(path, "IMU readings")
     warnings.extend(table.warnings)
     if len(table.columns) < 7:
         raise RecordingError(

@@ -11,10 +11,10 @@ from dataclasses import replace
 from kreisel.recording.digest import digest
 from kreisel.recording.recording import Recording
 from kreisel.validation.accumulated_readings import with_lost_samples, with_steps_of_one
+from kreisel.validation.as_sampled import as_sampled
 from kreisel.validation.empty_rows import without_missing
 from kreisel.validation.filled_rows import without_filled
 from kreisel.validation.imu_checks import check_imu, check_readings
-from kreisel.validation.interval_readings import with_own_intervals
 from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, joints_in_radians
 from kreisel.validation.ordering import in_order
 from kreisel.validation.pose_checks import check_poses, stamped_poses
@@ -47,15 +47,14 @@ def check_streams(recording: Recording) -> Recording:
     recording = in_order(without_repeated(without_missing(recording)))
     check_readings(recording.imu)
     imu, filled = without_filled(with_restarts(recording.imu, moved=recording.reference is not None))
-    imu, divided = with_own_intervals(imu)
-    imu, sampling = regularly_sampled(imu)
+    imu, sampling = as_sampled(imu)
     reference, joints = recording.reference, recording.joints
     check_stamps(imu, "IMU")
     stamped = Stamped(imu.stamps_ns, imu.source, "samples", 5.0, 20e3, imu.units.time)
     check_rate(stamped, None if reference is None else stamped_poses(reference))
     check_duration(stamped)
     imu, accumulated = with_lost_samples(imu)
-    warnings = filled + divided + sampling + accumulated + gap_warnings(imu, LONG_GAP)
+    warnings = filled + sampling + accumulated + gap_warnings(imu, LONG_GAP)
     check_written(imu)
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found

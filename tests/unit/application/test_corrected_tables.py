@@ -192,6 +192,51 @@ def test_a_stated_mapping_counts_for_usual_tables_too(tmp_path):
     np.testing.assert_allclose(numbers((tmp_path / "out.csv").read_bytes())[1], np.hstack([omega, f]), atol=1e-9)
 
 
+def arrivals(stamps):
+    """Return stamps of arrival, ns: on average half an interval late."""
+    late = np.random.default_rng(1).exponential(1.25e6, stamps.size)
+    return np.maximum.accumulate(stamps + late.astype(np.int64)) + np.arange(stamps.size)
+
+
+def test_derivatives_are_those_at_the_moments_of_sampling(tmp_path):
+    late = arrivals(STAMPS)
+    raw = table(rows=[(s, *w, *a) for s, w, a in zip(late, RATES, FORCES, strict=True)])
+    (tmp_path / "raw.csv").write_bytes(raw)
+    done = apply_to_file(TOOL, tmp_path / "raw.csv", tmp_path / "out.csv")
+    assert "a straight line through them is used instead" in done.warnings[0]
+    assert "written as they were read" in done.warnings[0]
+    stamps, found = numbers((tmp_path / "out.csv").read_bytes())
+    assert stamps == [str(s) for s in late]
+    omega, f = TOOL.correct(RATES, FORCES, STAMPS)
+    np.testing.assert_allclose(found, np.hstack([omega, f]), atol=1e-3)  # 300 stamps give the interval to 2e-4
+    by_stamps = TOOL.correct(RATES, FORCES, late)[1]
+    assert np.abs(by_stamps - f).max() > 0.02
+
+
+def test_sums_after_lost_samples_are_corrected_as_one_sample(tmp_path):
+    kept = np.delete(np.arange(N), [50, 120, 201, 202, 250])
+    rates, forces = RATES[kept].copy(), FORCES[kept].copy()
+    for last, lost in ((51, 1), (121, 1), (203, 2), (251, 1)):
+        k = int(np.flatnonzero(kept == last)[0])
+        rates[k] = RATES[last - lost : last + 1].sum(axis=0)
+        forces[k] = FORCES[last - lost : last + 1].sum(axis=0)
+    raw = table(rows=[(s, *w, *a) for s, w, a in zip(STAMPS[kept], rates, forces, strict=True)])
+    (tmp_path / "raw.csv").write_bytes(raw)
+    done = apply_to_file(TOOL, tmp_path / "raw.csv", tmp_path / "out.csv")
+    assert done.samples == kept.size
+    assert "are sums over these and themselves" in done.warnings[0]
+    found = numbers((tmp_path / "out.csv").read_bytes())[1]
+    np.testing.assert_allclose(found[:, :3], TOOL.correct(RATES, FORCES, STAMPS)[0][kept], atol=1e-3)
+
+
+def test_streams_with_scattering_stamps_have_a_note():
+    for stamps, noted in ((STAMPS, False), (arrivals(STAMPS), True)):
+        stream = CorrectedTable(TOOL, Path("raw.csv"))
+        stream.feed(table(rows=[(s, *w, *a) for s, w, a in zip(stamps, RATES, FORCES, strict=True)]))
+        stream.close()
+        assert any("scatter by" in note for note in stream.notes) is noted
+
+
 def test_stamps_that_repeat_and_folders_of_several_recordings_are_refused(tmp_path):
     with pytest.raises(RecordingError, match="inf samples a second"):
         check_units(ImuSamples(np.zeros(9, dtype=np.int64), RATES[:9], FORCES[:9], tmp_path), stated=False)
