@@ -13,9 +13,14 @@ COUNT = 30_000
 
 
 def readings(seed=0):
+    """Return rates and accelerations (n, 3) of a motion of a few hertz, with noise, in thousandths."""
     rng = np.random.default_rng(seed)
-    rates = rng.normal(0.2, 1.5, (COUNT, 3)).round(3)
-    return rates, rng.normal([0.0, 3.0, 9.8], 2.0, (COUNT, 3)).round(3)
+    t = 5e-3 * np.arange(COUNT)[:, None]
+    moved = [
+        sum(np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 7.0, 3)) for f in rng.uniform(0.1, 2.0, 4)) for _ in range(2)
+    ]
+    noise = rng.normal(0.0, 2e-3, (2, COUNT, 3))
+    return (0.2 + moved[0] + noise[0]).round(3), ([0.0, 3.0, 9.8] + 2.0 * moved[1] + noise[1]).round(3)
 
 
 def imu(rates, accelerations):
@@ -64,3 +69,17 @@ def test_a_rest_on_one_side_and_few_readings_on_the_other_pass():
     rates[:] = 0.005 + 1e-4 * np.random.default_rng(1).normal(size=rates.shape)
     rates[::300] = np.linspace(-3.0, 3.0, len(rates[::300]))[:, None] + 1e-3
     check_written(imu(rates, accelerations))
+
+
+@pytest.mark.parametrize("size", [1, 30])
+def test_rests_in_six_attitudes_pass(size):
+    """Of which none is near zero on one side, or has a fraction that begins with a zero; moves last some samples."""
+    rng = np.random.default_rng(2)
+    faces = 9.81 * np.array([[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, -1], [0, -1, 0], [-1, 0, 0.0]])
+    rests = np.repeat(faces, COUNT // 6, axis=0)
+    step = np.ones(size) / size
+    moved = np.column_stack([np.convolve(column, step, "same") for column in rests.T])
+    accelerations = moved + [0.35, 0.4, 0.45] + rng.normal(0.0, 0.01, moved.shape)
+    accelerations[np.abs(accelerations) % 1.0 < 0.1] += 0.1
+    rates = 0.01 * rng.normal(size=moved.shape)
+    check_written(imu(rates, accelerations.round(4)))
