@@ -55,15 +55,17 @@ def with_lost_samples(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     A sum has the stamp of its last sample, or of its first: then it comes before the long step. Seen backwards in time,
     these are the same.
     """
-    place, number, kinds = _kinds(imu)
+    alone, kinds = _kinds(imu)
     if any(kind is not _Kind.SAMPLE for kind in kinds):
+        place, number = _after_long_steps(imu, alone=False)
         return _divided(imu, place, number, kinds), [_warning(imu, place, kinds, "after")]
-    if place.size < _LEAST:
+    if alone < _LEAST:
         return imu, []
     backwards = _backwards(imu)
-    place, number, kinds = _kinds(backwards)
+    _, kinds = _kinds(backwards)
     if _Kind.SUM not in kinds or _Kind.MEAN in kinds:
         return imu, []
+    place, number = _after_long_steps(backwards, alone=False)
     found = _backwards(_divided(backwards, place, number, kinds))
     return found, [_warning(imu, imu.stamps_ns.size - 1 - place[::-1], kinds, "before")]
 
@@ -81,10 +83,10 @@ def with_steps_of_one(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     the middle between its neighbours, although its stamp does not. Repeats that come evenly are of a sensor that is
     asked more often than it measures; see `sampling`.
     """
-    place, number = _after_long_steps(imu)
+    place, number = _after_long_steps(imu, alone=True)
     if place.size < _LEAST or _evenly(place):
         return imu, []
-    left = [_left(values, place, number) for values in (imu.rates, imu.accelerations)]
+    left = [_left(values, values, place, number) for values in (imu.rates, imu.accelerations)]
     as_stamped, in_the_middle = (sum(float(one[kind].sum()) for one in left) for kind in (_Kind.SAMPLE, _Kind.MEAN))
     if as_stamped < in_the_middle + _CERTAIN or as_stamped < 2.0 * in_the_middle:
         return imu, []
@@ -99,8 +101,11 @@ def with_steps_of_one(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     return replace(imu, stamps_ns=stamps), [DataWarning("stamps", text)]
 
 
-def _after_long_steps(imu: ImuSamples) -> tuple[Indices, Indices]:
-    """Return the places after steps of several intervals, between single ones, and of how many, (m,)."""
+def _after_long_steps(imu: ImuSamples, *, alone: bool) -> tuple[Indices, Indices]:
+    """Return the places after steps of several intervals, and of how many, (m,).
+
+    alone: only those between single steps, whose neighbours stand for themselves.
+    """
     steps = np.diff(imu.stamps_ns)
     usual = float(np.median(steps))
     if steps.max() < 1.5 * usual:
@@ -108,16 +113,16 @@ def _after_long_steps(imu: ImuSamples) -> tuple[Indices, Indices]:
     steps = steps / usual
     count = np.round(steps).astype(np.int64)
     even = np.abs(steps - count) < _OFF
-    single = even & (count == 1)
     most = max(_MOST, round(_LONGEST_NS / usual))
-    place = np.flatnonzero(even[1:-1] & (count[1:-1] > 1) & (count[1:-1] <= most) & single[:-2] & single[2:]) + 2
+    beside = even & (count <= (1 if alone else most))
+    place = np.flatnonzero(even[1:-1] & (count[1:-1] > 1) & (count[1:-1] <= most) & beside[:-2] & beside[2:]) + 2
     return place, count[place - 1]
 
 
-def _kinds(imu: ImuSamples) -> tuple[Indices, Indices, list[_Kind]]:
-    """Return the places after long steps, how many intervals these are, and what rates and accelerations are there."""
-    place, number = _after_long_steps(imu)
-    return place, number, [_kind(values, place, number) for values in (imu.rates, imu.accelerations)]
+def _kinds(imu: ImuSamples) -> tuple[int, list[_Kind]]:
+    """Return how many places after long steps show it, and what rates and accelerations are there."""
+    place, number = _after_long_steps(imu, alone=True)
+    return place.size, [_kind(values, place, number) for values in (imu.rates, imu.accelerations)]
 
 
 def _kind(values: Array, place: Indices, number: Indices) -> _Kind:
@@ -132,7 +137,7 @@ def _kind(values: Array, place: Indices, number: Indices) -> _Kind:
     """
     if place.size < _LEAST:
         return _Kind.SAMPLE
-    left = _left(values, place, number)
+    left = _left(values, values, place, number)
     if np.percentile(_share_left(left), 25.0) < _CLEAR:
         return _Kind.SUM  # others may be cut off
     total = {kind: float(own.sum()) for kind, own in left.items()}
@@ -156,9 +161,12 @@ def _evenly(place: Indices) -> bool:
     return bool(between.max() <= _EVEN * between.min() + 1)
 
 
-def _left(values: Array, place: Indices, number: Indices) -> dict[_Kind, Array]:
-    """Return the squares (m,) that each kind would leave, over the variance that neighbours leave of usual readings."""
-    before, after, n = values[place - 1], values[place + 1], number[:, None]
+def _left(values: Array, beside: Array, place: Indices, number: Indices) -> dict[_Kind, Array]:
+    """Return the squares (m,) that each kind would leave, over the variance that neighbours leave of usual readings.
+
+    beside: (n, 3), the values of the neighbours.
+    """
+    before, after, n = beside[place - 1], beside[place + 1], number[:, None]
     middle = 0.5 * (before + after)  # of all the samples between the neighbours
     expected = {_Kind.SAMPLE: before + n / (n + 1.0) * (after - before), _Kind.SUM: n * middle, _Kind.MEAN: middle}
     usual = normal_scale(values[1:-1] - 0.5 * (values[:-2] + values[2:])) + 1e-300
@@ -177,14 +185,15 @@ def _divided(imu: ImuSamples, place: Indices, number: Indices, kinds: list[_Kind
     new[last] = imu.stamps_ns
 
     def filled(values: Array, kind: _Kind) -> Array:
-        known = np.ones(repeats.size, dtype=bool)
-        known[place] = kind is _Kind.SAMPLE
-        moved = np.zeros(values.shape)
-        if kind is not _Kind.SAMPLE:
-            mean = values[place] / (number[:, None] if kind is _Kind.SUM else 1.0)
-            whole = (kind is _Kind.MEAN) | (_share_left(_left(values, place, number)) < _WHOLE)
-            moved[place] = whole[:, None] * (mean - 0.5 * (values[place - 1] + values[place + 1]))
-        return interpolate_columns(at_all, ends[known], values[known]) + moved[source]
+        if kind is _Kind.SAMPLE:
+            return interpolate_columns(at_all, ends, values)
+        means = values / repeats[:, None] if kind is _Kind.SUM else values
+        line = interpolate_columns(at_all, ends[repeats == 1], values[repeats == 1])
+        whole = np.ones(repeats.size, dtype=bool)
+        if kind is _Kind.SUM:
+            whole[place] = _share_left(_left(values, means, place, number)) < _WHOLE
+        of_line = np.add.reduceat(line, last - repeats + 1, axis=0) / repeats[:, None]
+        return line + (whole[:, None] * (means - of_line))[source]
 
     rates, accelerations = (filled(*own) for own in zip((imu.rates, imu.accelerations), kinds, strict=True))
     return replace(part_of(imu, source), stamps_ns=new, rates=rates, accelerations=accelerations)

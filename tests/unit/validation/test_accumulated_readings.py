@@ -57,6 +57,17 @@ def test_sums_and_means_stand_for_the_samples_lost_before_them(most, means):
     assert f"line {300 - 1 + 2}, are {'means' if means else 'sums'} over" in warning.message
 
 
+def test_sums_that_follow_each_other_stand_for_theirs():
+    """Before 300 one sample is lost, and the two between it and 303."""
+    imu, whole = lost((300, 303, 720, 723, *PLACES[2:]), 3)
+    found, (warning,) = with_lost_samples(imu)
+    np.testing.assert_array_equal(found.stamps_ns, whole.stamps_ns)
+    np.testing.assert_allclose(found.rates.sum(axis=0), whole.rates.sum(axis=0), atol=1e-9)
+    assert np.abs(found.rates - whole.rates).max() < 0.01
+    assert np.abs(found.accelerations - whole.accelerations).max() < 0.08
+    assert "imu0: 10 rates and accelerations" in warning.message
+
+
 def test_sums_with_the_stamp_of_their_first_sample_come_before_the_lost_ones():
     late, whole = lost([COUNT - 1 - place for place in PLACES], 2)
     stamps = late.stamps_ns

@@ -79,7 +79,7 @@ def test_rests_in_six_attitudes_pass(size):
     rests = np.repeat(faces, COUNT // 6, axis=0)
     step = np.ones(size) / size
     moved = np.column_stack([np.convolve(column, step, "same") for column in rests.T])
-    accelerations = moved + [0.35, 0.4, 0.45] + rng.normal(0.0, 0.01, moved.shape)
+    accelerations = moved + rng.normal([0.35, 0.4, 0.45], 0.01, moved.shape)
     accelerations[np.abs(accelerations) % 1.0 < 0.1] += 0.1
     rates = 0.01 * rng.normal(size=moved.shape)
     check_written(imu(rates, accelerations.round(4)))
