@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.geometry.rotation import Array
+from kreisel.inertial.noise_figures import summed_power
 
 _LONGEST, _SEGMENTS, _SHORTEST = 8192, 16, 256
 """Samples of a segment of the spectrum, segments without overlap at least, and samples below which there is none."""
@@ -62,7 +63,7 @@ def _clearest(values: Array, interval: float) -> float | None:
     length = 2 ** int(np.log2(min(values.size / _SEGMENTS, _LONGEST) or 1.0))
     if length < _SHORTEST:
         return None
-    density = _density(values, length)
+    density = summed_power(values, np.hanning(length + 1)[:-1])  # a factor does not count
     beside = np.lib.stride_tricks.sliding_window_view(np.pad(density, _BESIDE, mode="reflect"), 2 * _BESIDE + 1)
     usual = np.median(beside, axis=1)
     over = np.where(usual > 0.0, density / np.where(usual > 0.0, usual, 1.0), 0.0)
@@ -73,17 +74,6 @@ def _clearest(values: Array, interval: float) -> float | None:
     low, middle, high = np.log(np.maximum(density[k - 1 : k + 2], 1e-12 * density[k]))
     offset = 0.5 * (low - high) / min(low - 2.0 * middle + high, -1e-12)
     return (k + float(np.clip(offset, -0.5, 0.5))) / (length * interval)
-
-
-def _density(values: Array, length: int) -> Array:
-    """Return the mean periodogram of half overlapping segments, but for a factor, (length / 2 + 1,)."""
-    window = np.hanning(length + 1)[:-1]
-    total, count = np.zeros(length // 2 + 1), 0
-    for first in range(0, values.size - length + 1, length // 2):
-        segment = values[first : first + length]
-        total += np.abs(np.fft.rfft(window * (segment - segment.mean()))) ** 2
-        count += 1
-    return np.asarray(total / count)
 
 
 def _vibration(values: Array, turns: float, length: int) -> Array:

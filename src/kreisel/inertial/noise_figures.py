@@ -256,15 +256,18 @@ def white_density(values: Array, interval: float, density: Array | None = None) 
     if n < _BANDS:
         return density
     window = np.hanning(_SEGMENT)
-    power = np.transpose([_power(np.ascontiguousarray(axis), window) for axis in values.T]) * interval / n
+    power = np.transpose([summed_power(np.ascontiguousarray(axis), window) for axis in values.T]) * interval / n
     inside = power[_SEGMENT // 16 : -_SEGMENT // 16]
     quietest = np.sqrt(np.min([band.mean(axis=0) for band in np.array_split(inside, _BANDS)], axis=0))
     return np.asarray(np.where(quietest < _TONES * density, quietest, density))
 
 
-def _power(signal: Array, window: Array) -> Array:
-    """Return the sum over segments of a signal (n,) of its squared Fourier coefficients, over that of the window's."""
-    segments = sliding_window_view(signal, _SEGMENT)[:: _SEGMENT // 2]
+def summed_power(signal: Array, window: Array) -> Array:
+    """Return the sum over segments of a signal (n,) of its squared Fourier coefficients, over that of the window's.
+
+    Segments are as long as the window, and overlap by half.
+    """
+    segments = sliding_window_view(signal, window.size)[:: window.size // 2]
     found = np.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * window, axis=1)
     squares = np.einsum("nf,nf->f", found.real, found.real) + np.einsum("nf,nf->f", found.imag, found.imag)
     return np.asarray(squares / np.sum(window**2))
