@@ -99,7 +99,8 @@ class Calibration(CalibrationParts):
         rates, accelerations : (n, 3)
             Raw readings, rad/s and m/s^2; counts where those were calibrated (`counts`).
         timestamps : (n,)
-            Ascending; the lever arms need the rate's derivative. Integers are nanoseconds, used exactly; floats are
+            Moments of sampling, ascending; the lever arms need the rate's derivative, and `kreisel apply` replaces
+            stamps of arrival. Integers are nanoseconds, used exactly; floats are
             seconds. Seconds since 1970 as floats resolve 0.2 us only: give nanoseconds, or seconds since the start.
         temperatures : (n,)
             Of the sensor, degrees Celsius; needed where the calibration has temperature coefficients.
