@@ -195,8 +195,8 @@ def apply_to_table(
     if not table.is_file():
         raise RecordingError("no such file; expected IMU readings there", file=table)
     size = max(table.stat().st_size, 1)
-    sampled, notes = _sampled(table) if size < _READ_WHOLE else (None, [])
-    corrected = CorrectedTable(calibration, table, check=not force, sampled=sampled)
+    known, notes = _read_whole(calibration, table) if size < _READ_WHOLE else (None, [])
+    corrected = CorrectedTable(calibration, table, check=not force, corrected=known)
     with table.open("rb") as source:
         while data := source.read(_BLOCK):
             write(corrected.feed(data))
@@ -208,19 +208,16 @@ def apply_to_table(
     return corrected.rows, (*corrected.notes, *notes, *lost)
 
 
-def _sampled(table: Path) -> tuple[ImuSamples | None, list[str]]:
-    """Return the samples of a table as a calibration takes them, row by row, and notes."""
+def _read_whole(calibration: Calibration, table: Path) -> tuple[tuple[Array, Array] | None, list[str]]:
+    """Return angular rate and specific force of every row, and notes; None for a table with a fault.
+
+    That is found with its line when the rows are read one by one.
+    """
     try:
-        raw = read_imu_table(table, [])
+        omega, f, notes = _corrected(calibration, read_imu_table(table, []))
     except RecordingError:
-        return None, []  # the rows are read once more, and the fault is raised with its line
-    sampled, found = sampled_rows(raw)
-    return sampled, _notes(found)
-
-
-def _notes(found: list[DataWarning]) -> list[str]:
-    """Return what to know about rows that are not corrected as they stand."""
-    return [f"{warning}; stamps are written as they were read" for warning in found]
+        return None, []
+    return (omega, f), notes
 
 
 def _to_table(calibration: Calibration, raw: ImuSamples, out: Path, warnings: Iterable[DataWarning]) -> Applied:
@@ -233,12 +230,14 @@ def _to_table(calibration: Calibration, raw: ImuSamples, out: Path, warnings: It
 
 def _corrected(calibration: Calibration, raw: ImuSamples) -> tuple[Array, Array, list[str]]:
     """Return angular rate and specific force of every sample, (n, 3) each, and notes."""
-    raw, found = sampled_rows(raw)
+    rows = sampled_rows(raw)
+    own = rows.samples
     try:
-        omega, f = calibration.correct(raw.rates, raw.accelerations, raw.stamps_ns, raw.temperature)
+        omega, f = calibration.correct(own.rates, own.accelerations, own.stamps_ns, own.temperature)
     except RecordingError as error:
         raise RecordingError(error.message, file=raw.source) from error
-    return omega, f, _notes(found)
+    notes = [f"{warning}; rows and their stamps are written as they were read" for warning in rows.warnings]
+    return omega[rows.of_row], f[rows.of_row], notes
 
 
 def _to_bag(calibration: Calibration, raw: Path, out: Path, imu: str | None, topic: str, *, force: bool) -> Applied:

@@ -6,26 +6,21 @@ from collections import deque
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kreisel.application.unit_check import check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
-from kreisel.estimation.robust import normal_scale
 from kreisel.formats.imu_lines import ImuLines, ImuRows
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import follows_temperature
 from kreisel.recording.recording import ImuSamples, Stamps
-from kreisel.validation.masking import part_of
+from kreisel.validation.as_sampled import scatter_of, scatters
 
 HEADER = "w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 """Columns of what is written; in front of it the stamps as they were read, after it the other columns."""
 
 CHECKED = 200
 """Rows whose units are checked together, where there are so many: fewer may be a moment of free fall."""
-
-_SCATTER = 0.05
-"""Scatter of steps between stamps, in intervals, that is noted: derivatives of the rates scatter by as much."""
 
 
 class CorrectedTable:
@@ -39,9 +34,8 @@ class CorrectedTable:
         The file, or a name of the stream, for messages.
     check
         Whether to check the units of the first readings.
-    sampled
-        All samples of the table as `validation.as_sampled.sampled_rows` returns them, where they are known: they are
-        corrected instead of those that the rows hold.
+    corrected
+        Angular rate and specific force of every row, (n, 3), where they are known: of a table that was read whole.
 
     Attributes
     ----------
@@ -50,7 +44,12 @@ class CorrectedTable:
     """
 
     def __init__(
-        self, calibration: Calibration, source: Path, *, check: bool = True, sampled: ImuSamples | None = None
+        self,
+        calibration: Calibration,
+        source: Path,
+        *,
+        check: bool = True,
+        corrected: tuple[Array, Array] | None = None,
     ) -> None:
         self._check, self._warm = check, follows_temperature(calibration.sensors.effects)
         self._counts = calibration.counts
@@ -58,7 +57,7 @@ class CorrectedTable:
         self._lines, self._stream = ImuLines(source), calibration.stream()
         self._waiting: deque[tuple[str, str]] = deque()
         self._source, self._header_written = source, False
-        self._sampled, self._taken = sampled, 0
+        self._corrected = corrected
         self._scatter: list[str] = []
         self.rows = 0
 
@@ -78,21 +77,16 @@ class CorrectedTable:
             self._first.append(found)
             self._look_at(CHECKED)
         self._waiting.extend(zip(found.stamp_texts, found.others, strict=True))
-        own = self._as_sampled(found)
+        if self._corrected is not None:
+            own = slice(self.rows, self.rows + len(found.rates))
+            if own.stop > len(self._corrected[0]):
+                raise RecordingError("changed while it was read; apply the calibration again", file=self._source)
+            return out + self._written(*(values[own] for values in self._corrected))
         try:
-            done = self._stream.push(own.rates, own.accelerations, own.stamps_ns, found.temperature)
+            _, omega, f = self._stream.push(found.rates, found.accelerations, found.stamps_ns, found.temperature)
         except RecordingError as error:
             raise RecordingError(error.message, file=self._source) from error
-        return out + self._written(done)
-
-    def _as_sampled(self, found: ImuRows) -> ImuRows | ImuSamples:
-        """Return what is corrected for some rows."""
-        if self._sampled is None:
-            return found
-        begin, self._taken = self._taken, self._taken + len(found.rates)
-        if self._taken > len(self._sampled.rates):
-            raise RecordingError("changed while it was read; apply the calibration again", file=self._source)
-        return part_of(self._sampled, np.arange(begin, self._taken))
+        return out + self._written(omega, f)
 
     def _look_at(self, least: int) -> None:
         """Check the units of the first rows, once there are so many of them."""
@@ -105,7 +99,7 @@ class CorrectedTable:
         warm = [part.temperature for part in self._first if part.temperature is not None]
         samples = ImuSamples(stamps, rates, forces, self._source, temperature=np.concatenate(warm) if warm else None)
         check_units(samples, stated=False, warm=self._warm, counts=self._counts)
-        if self._sampled is None:
+        if self._corrected is None:
             self._scatter = scatter_of_stamps(stamps)
         self._check, self._first = False, []
 
@@ -120,7 +114,8 @@ class CorrectedTable:
         last = self.feed(b"\n") if self._lines.ends_with_return else b""
         left = self._lines.close()
         self._look_at(1)
-        out = last + self._written(self._stream.close())
+        _, omega, f = self._stream.close()
+        out = last + self._written(omega, f)
         if not self.rows:
             raise RecordingError("has a header but no rows; expected IMU readings", file=self._source)
         return out, left
@@ -137,8 +132,7 @@ class CorrectedTable:
         first, others = self._lines.header
         return f"{first},{HEADER}{others}\n".encode()
 
-    def _written(self, done: tuple[NDArray[np.int64], Array, Array]) -> bytes:
-        _, omega, f = done
+    def _written(self, omega: Array, f: Array) -> bytes:
         self.rows += len(omega)
         texts = [self._waiting.popleft() for _ in range(len(omega))]
         rows = zip(texts, np.hstack([omega, f]).tolist(), strict=True)
@@ -147,14 +141,11 @@ class CorrectedTable:
 
 def scatter_of_stamps(stamps: Stamps) -> list[str]:
     """Return a note where steps between the first stamps of a stream, ns, scatter about whole intervals."""
-    steps = np.diff(stamps)
-    if steps.size < 2:
-        return []
-    usual = float(np.median(steps))
-    scatter = normal_scale(steps - np.maximum(np.round(steps / usual), 1.0) * usual)
-    if scatter < _SCATTER * usual:
+    interval, scatter = scatter_of(stamps)
+    if not scatters(interval, scatter):
         return []
     return [
-        f"steps between the first {stamps.size} stamps scatter by {1e-6 * scatter:.2g} ms about {1e-6 * usual:.4g} ms, "
-        "and with them what lever arms contribute to the forces; where stamps are moments of arrival, apply to a file"
+        f"steps between the first {stamps.size} stamps scatter by {1e-6 * scatter:.2g} ms about "
+        f"{1e-6 * interval:.4g} ms, and with them what lever arms contribute to the forces; where stamps are moments "
+        "of arrival, apply to a file"
     ]

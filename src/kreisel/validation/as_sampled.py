@@ -1,14 +1,39 @@
-"""Readings of an IMU as its sensors took them: over their own intervals, at the moments of sampling."""
+"""Readings of an IMU as its sensors took them: each sample once, over its own interval, at the moment of sampling."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from kreisel.recording.recording import DataWarning, ImuSamples
-from kreisel.validation.accumulated_readings import with_lost_samples
-from kreisel.validation.interval_readings import with_own_intervals
-from kreisel.validation.masking import part_of
+from kreisel.geometry.rotation import Indices
+from kreisel.recording.recording import DataWarning, ImuSamples, Stamps
+from kreisel.validation.accumulated_readings import with_lost_samples, with_steps_of_one
+from kreisel.validation.interval_readings import squares_left, with_own_intervals
+from kreisel.validation.masking import without_repeats
 from kreisel.validation.sampling import regularly_sampled
+
+_LAG = 16
+"""Samples over which the interval is measured, for they may come in bursts."""
+
+_SCATTER = 0.05
+"""Scatter of stamps about whole intervals, in intervals, from which derivatives scatter too much."""
+
+_LONG, _LONG_NS = 5.0, 50e6
+"""Intervals, and ns, from which a step is a gap, which derivatives do not cross."""
+
+_TRUE = 0.8
+"""Squares that neighbours leave with stamps, of those with even samples, below which samples follow the stamps. Chosen:
+at rest they are the same."""
+
+
+@dataclass(frozen=True)
+class SampledRows:
+    """Samples as a calibration takes them, which of them (n,) each row holds, and the warnings about it."""
+
+    samples: ImuSamples
+    of_row: Indices
+    warnings: list[DataWarning]
 
 
 def as_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
@@ -18,14 +43,67 @@ def as_sampled(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     return imu, divided + sampling
 
 
-def sampled_rows(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
-    """Return the same samples as a calibration takes them, none added or left out, and the warnings about it.
+def after_repeats(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
+    """Return samples, of which some that repeat the one before were left out, with stamps of sampling; and warnings."""
+    imu, sampling = regularly_sampled(imu, repeats=True)
+    if sampling:
+        return imu, sampling
+    return with_steps_of_one(imu)
 
-    Readings that are sums or means over lost samples are those of the last of them.
+
+def sampled_rows(imu: ImuSamples) -> SampledRows:
+    """Return the samples as a calibration takes them, for each row of a file.
+
+    A row that is the sum over lost samples holds the last of them, and a row that repeats one before holds that.
     """
-    if imu.stamps_ns.size < 2 or np.any(np.diff(imu.stamps_ns) <= 0):
+    n = imu.stamps_ns.size
+    if n < 2 or np.any(np.diff(imu.stamps_ns) <= 0):
+        return SampledRows(imu, np.arange(n), [])
+    found, warnings = as_sampled(imu)
+    found, lost = with_lost_samples(found)
+    found, repeated = without_repeats(found)
+    warnings = warnings + lost + repeated
+    if repeated:
+        found, sampling = after_repeats(found)
+        warnings += sampling
+    found, scattering = _with_even_steps(found)
+    rows = np.arange(n) if found.rows is None else found.rows
+    of_row = np.searchsorted(rows, np.arange(n), side="right") - 1
+    return SampledRows(found, of_row, warnings + scattering)
+
+
+def scatter_of(stamps: Stamps) -> tuple[float, float]:
+    """Return the interval of stamps, and how far their steps are from whole intervals on average, ns."""
+    steps = np.diff(stamps).astype(np.float64)
+    lag = min(_LAG, steps.size)
+    if lag == 0:
+        return 0.0, 0.0
+    interval = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
+    off = np.abs(steps - np.maximum(np.round(steps / interval), 1.0) * interval)
+    return interval, float(off[steps <= max(_LONG * interval, _LONG_NS)].mean())
+
+
+def scatters(interval: float, scatter: float) -> bool:
+    """Return whether stamps scatter so much that derivatives do."""
+    return scatter > _SCATTER * interval
+
+
+def _with_even_steps(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
+    """Return the samples with even steps between gaps where stamps scatter about no line, and the warning about it.
+
+    The steps are right but for single ones, where a sample is missing. Samples that follow their stamps are left.
+    """
+    interval, scatter = scatter_of(imu.stamps_ns)
+    if not scatters(interval, scatter):
         return imu, []
-    imu, found = as_sampled(imu)
-    restored, lost = with_lost_samples(imu)
-    own = np.isin(restored.stamps_ns, imu.stamps_ns, assume_unique=True)
-    return (part_of(restored, own) if lost else imu), found + lost
+    t = (imu.stamps_ns - imu.stamps_ns[0]) / interval
+    if squares_left(imu.rates, t) < _TRUE * squares_left(imu.rates, np.arange(t.size, dtype=np.float64)):
+        return imu, []
+    steps = np.diff(imu.stamps_ns)
+    even = np.where(steps > max(_LONG * interval, _LONG_NS), steps, round(interval))
+    text = (
+        f"{imu.source.parent.name}: stamps scatter by {1e-6 * scatter:.2g} ms about sampling every "
+        f"{1e-6 * interval:.4g} ms, and are on no line; derivatives are those of even sampling"
+    )
+    stamps = imu.stamps_ns[0] + np.concatenate([[0], np.cumsum(even)])
+    return replace(imu, stamps_ns=stamps), [DataWarning("stamps", text)]

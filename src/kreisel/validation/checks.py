@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from kreisel.recording.digest import digest
 from kreisel.recording.recording import Recording
-from kreisel.validation.accumulated_readings import with_lost_samples, with_steps_of_one
-from kreisel.validation.as_sampled import as_sampled
+from kreisel.validation.accumulated_readings import with_lost_samples
+from kreisel.validation.as_sampled import after_repeats, as_sampled
 from kreisel.validation.empty_rows import without_missing
 from kreisel.validation.filled_rows import without_filled
 from kreisel.validation.imu_checks import check_imu, check_readings
@@ -19,7 +19,7 @@ from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, 
 from kreisel.validation.ordering import in_order
 from kreisel.validation.pose_checks import check_poses, stamped_poses
 from kreisel.validation.repeated_rows import without_repeated
-from kreisel.validation.sampling import regularly_sampled, with_lateness, with_restarts
+from kreisel.validation.sampling import with_lateness, with_restarts
 from kreisel.validation.stamp_checks import (
     LONG_GAP,
     MIN_SECONDS,
@@ -59,9 +59,8 @@ def check_streams(recording: Recording) -> Recording:
     imu, found = check_imu(imu, moved=reference is not None)
     warnings += found
     if any(warning.subject == "repeats" for warning in found):
-        imu, sampling = regularly_sampled(imu, repeats=True)
-        imu, counted = (imu, []) if sampling else with_steps_of_one(imu)
-        warnings += sampling + counted
+        imu, sampling = after_repeats(imu)
+        warnings += sampling
     if joints is not None:
         check_joints(joints)
     if reference is not None:

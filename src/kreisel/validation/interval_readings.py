@@ -104,14 +104,14 @@ def _divided_by(values: Array, t: Array, longer: Array) -> _Over | None:
         _Over.ARRIVAL: (values * longer[:, None], even),
     }
     for lag in _LAGS:
-        usual = min(_left(values, at, lag) for at in (t, even))
+        usual = min(squares_left(values, at, lag) for at in (t, even))
         for way, (changed, at) in ways.items():
-            if _left(changed, at, lag) < _CLEAR * usual:
+            if squares_left(changed, at, lag) < _CLEAR * usual:
                 return way
     return None
 
 
-def _left(values: Array, t: Array, lag: int) -> float:
+def squares_left(values: Array, t: Array, lag: int = 1) -> float:
     """Return squares of values (n, 3) at times (n,), less straight lines between those some samples away, added up."""
     count = t.size - 2 * lag
     k = lag + np.arange(min(count, _MANY)) * (count - 1) // max(min(count, _MANY) - 1, 1)
