@@ -36,6 +36,10 @@ _WHOLE = 0.01
 _CERTAIN = 50.0
 """Difference of such squares, over those of usual readings, beyond which it shows. Chosen: 25 in the log-likelihood."""
 
+_AROUND, _SPIKE, _SPIKES = 8, 0.5, 0.5
+"""Samples from which neighbours are compared; difference from them, of what they are, from which a reading stands out;
+and share of those that do from which they are sums. Chosen: knocks have any direction and size."""
+
 _EVEN = 1.5
 """Ratio of the longest to the shortest distance of places up to which they are evenly spread. Chosen: a beat of two
 rates changes by a few samples; in six places at random it is beyond 1.5 in 99 of 100."""
@@ -53,8 +57,9 @@ def with_lost_samples(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     """Return the samples with lost ones restored where a reading stands for them, too, and the warning about it.
 
     A sum has the stamp of its last sample, or of its first: then it comes before the long step. Seen backwards in time,
-    these are the same.
+    these are the same. Stamps that only count what arrives are corrected first.
     """
+    imu = _with_steps_of_sums(imu)
     alone, kinds = _kinds(imu)
     if any(kind is not _Kind.SAMPLE for kind in kinds):
         place, number = _after_long_steps(imu, alone=False)
@@ -101,6 +106,33 @@ def with_steps_of_one(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     return replace(imu, stamps_ns=stamps), [DataWarning("stamps", text)]
 
 
+def _with_steps_of_sums(imu: ImuSamples) -> ImuSamples:
+    """Return the samples with long steps before accelerations that are sums, where stamps count what arrives.
+
+    Gravity shows it: such a reading is a whole number of times what its neighbours are.
+    """
+    steps, a = np.diff(imu.stamps_ns), imu.accelerations
+    if steps.size < _AROUND:
+        return imu
+    usual = float(np.median(steps))
+    even = np.abs(steps - usual) < _OFF * usual
+    own, means = a[2:-2], a.copy()
+    for _ in range(2):  # sums beside sums are seen when those are divided
+        around = np.median([means[:-4], means[1:-3], means[3:-1], means[4:]], axis=0)
+        size = np.maximum(np.sum(around**2, axis=1), 1e-300)
+        number = np.round(np.sum(own * around, axis=1) / size)
+        off = np.sum((own - around) ** 2, axis=1) > _SPIKE**2 * size
+        off &= even[:-3] & even[1:-2] & even[2:-1] & even[3:]
+        left = np.sum((own - number[:, None] * around) ** 2, axis=1)
+        sums = off & (number >= 2) & (number <= _MOST) & (left < _CLEAR * _CLEAR * size)
+        means[2:-2][sums] = own[sums] / number[sums, None]
+    if np.count_nonzero(sums) < max(_LEAST, _SPIKES * np.count_nonzero(off)):
+        return imu
+    later = np.zeros(imu.stamps_ns.size)
+    later[2:-2][sums] = number[sums] - 1.0
+    return replace(imu, stamps_ns=imu.stamps_ns + np.round(np.cumsum(later) * usual).astype(np.int64))
+
+
 def _after_long_steps(imu: ImuSamples, *, alone: bool) -> tuple[Indices, Indices]:
     """Return the places after steps of several intervals, and of how many, (m,).
 
@@ -122,7 +154,14 @@ def _after_long_steps(imu: ImuSamples, *, alone: bool) -> tuple[Indices, Indices
 def _kinds(imu: ImuSamples) -> tuple[int, list[_Kind]]:
     """Return how many places after long steps show it, and what rates and accelerations are there."""
     place, number = _after_long_steps(imu, alone=True)
-    return place.size, [_kind(values, place, number) for values in (imu.rates, imu.accelerations)]
+    sensors = (imu.rates, imu.accelerations)
+    kinds = [_kind(values, place, number) for values in sensors]
+    for k, shown in ((0, kinds[1]), (1, kinds[0])):
+        if kinds[k] is _Kind.SAMPLE and shown is not _Kind.SAMPLE:
+            total = {kind: float(own.sum()) for kind, own in _left(sensors[k], sensors[k], place, number).items()}
+            if min(total, key=lambda kind: total[kind]) is shown and total[_Kind.SAMPLE] > total[shown] + _CERTAIN:
+                kinds[k] = shown  # less clear by itself, as of gyros at rest, but the device accumulates
+    return place.size, kinds
 
 
 def _kind(values: Array, place: Indices, number: Indices) -> _Kind:

@@ -27,6 +27,10 @@ _LONG_FREEZE = 8
 """Repetitions of all channels from which readings are frozen; fewer are those of a log that is faster than the sensor.
 Chosen: a sensor at 125 Hz repeats seven times in a log at 1 kHz."""
 
+_RUNS, _ALIKE, _MOSTLY = 20, 0.2, 0.9
+"""Runs of repetitions, share by which their lengths differ, and share of all, where a log is faster than the sensor.
+Chosen: a sensor's clock scatters by less, and a driver that stalls, or a sensor at rest, does so rarely."""
+
 _STUCK = 20
 """Repetitions of one channel, while others change, from which it is stuck or saturated. Chosen: a channel that rarely
 repeats a value does not repeat it twenty times in a row."""
@@ -279,7 +283,8 @@ def without_repeats(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     keep = np.ones(imu.stamps_ns.size, dtype=bool)
     for chunk in _chunks(imu):
         starts, stops, jumps = chunk.stalls()
-        stale = (stops - starts < _LONG_FREEZE) & (jumps > 3.0 * chunk.digits).any(axis=1)
+        longest = _longest_repeat(stops - starts, chunk.still)
+        stale = (stops - starts < longest) & (jumps > 3.0 * chunk.digits).any(axis=1)
         keep[chunk.whole] &= first_of_each(len(chunk.values), starts[stale], stops[stale])
     dropped = int(np.sum(~keep))
     if not dropped:
@@ -289,6 +294,18 @@ def without_repeats(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
         f"{'; log the sensor at its own rate' if dropped > 0.1 * keep.size else ''}"
     )
     return part_of(imu, keep), [DataWarning("repeats", text)]
+
+
+def _longest_repeat(lengths: Indices, still: Mask) -> float:
+    """Return how many times a reading repeats at least where a sensor is frozen, by lengths of runs that repeat.
+
+    Where most samples repeat, and about as often each time, the log is that much faster than the sensor.
+    """
+    if lengths.size < _RUNS or np.mean(still) < 0.5:
+        return _LONG_FREEZE
+    usual = float(np.median(lengths))
+    alike = np.mean(np.abs(lengths - usual) <= 1.0 + _ALIKE * usual)
+    return max(_LONG_FREEZE, 2.0 * usual + 2.0) if alike > _MOSTLY else _LONG_FREEZE
 
 
 def part_of(imu: ImuSamples, keep: Mask | Indices) -> ImuSamples:

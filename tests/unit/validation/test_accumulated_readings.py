@@ -68,6 +68,38 @@ def test_sums_that_follow_each_other_stand_for_theirs():
     assert "imu0: 10 rates and accelerations" in warning.message
 
 
+@pytest.mark.parametrize("places", [PLACES, (300, 302, 305, *PLACES[1:])])
+def test_sums_show_what_is_lost_where_stamps_only_count(places):
+    imu, whole = lost(places)
+    counted = replace(imu, stamps_ns=imu.stamps_ns[0] + INTERVAL_NS * np.arange(imu.stamps_ns.size))
+    found, (warning,) = with_lost_samples(counted)
+    np.testing.assert_array_equal(found.stamps_ns, whole.stamps_ns)
+    np.testing.assert_allclose(found.rates.sum(axis=0), whole.rates.sum(axis=0), atol=1e-9)
+    assert f"imu0: {len(places)} rates and accelerations" in warning.message
+
+
+def test_knocks_are_no_sums():
+    imu, _ = lost(())
+    forces = imu.accelerations.copy()
+    knocks = np.random.default_rng(3).normal(0.0, 12.0, (40, 3))
+    forces[50:3650:90] += knocks
+    knocked = replace(imu, accelerations=forces)
+    assert with_lost_samples(knocked) == (knocked, [])
+
+
+def test_gyros_at_rest_follow_what_accelerometers_show():
+    """Their offset is five deviations of their noise."""
+    imu, whole = lost(PLACES)
+    rng = np.random.default_rng(4)
+    rest = rng.normal(5e-3, 1e-3, (COUNT, 3))
+    keep = np.isin(whole.stamps_ns, imu.stamps_ns)
+    own = rest.copy()
+    for place in PLACES:
+        own[place] += own[place - 1]
+    found, _ = with_lost_samples(replace(imu, rates=own[keep]))
+    assert np.abs(found.rates.mean(axis=0) - rest.mean(axis=0)).max() < 2e-6  # 1e-5 with eight rates twice as large
+
+
 def test_sums_with_the_stamp_of_their_first_sample_come_before_the_lost_ones():
     late, whole = lost([COUNT - 1 - place for place in PLACES], 2)
     stamps = late.stamps_ns
