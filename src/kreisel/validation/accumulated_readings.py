@@ -36,6 +36,10 @@ _WHOLE = 0.01
 _CERTAIN = 50.0
 """Difference of such squares, over those of usual readings, beyond which it shows. Chosen: 25 in the log-likelihood."""
 
+_NOISE = 1.5
+"""Squares that are left of what noise leaves, up to which it is noise: most of a recording may be rests, where steps of
+one and of two are alike."""
+
 _AROUND, _SPIKE, _SPIKES = 8, 0.5, 0.5
 """Samples from which neighbours are compared; difference from them, of what they are, from which a reading stands out;
 and share of those that do from which they are sums. Chosen: knocks have any direction and size."""
@@ -93,7 +97,8 @@ def with_steps_of_one(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
         return imu, []
     left = [_left(values, values, place, number) for values in (imu.rates, imu.accelerations)]
     as_stamped, in_the_middle = (sum(float(one[kind].sum()) for one in left) for kind in (_Kind.SAMPLE, _Kind.MEAN))
-    if as_stamped < in_the_middle + _CERTAIN or as_stamped < 2.0 * in_the_middle:
+    by_noise = in_the_middle < _NOISE * place.size * sum(values.shape[1] for values in (imu.rates, imu.accelerations))
+    if as_stamped < in_the_middle + _CERTAIN or not (by_noise or as_stamped > 2.0 * in_the_middle):
         return imu, []
     interval, later = float(np.median(np.diff(imu.stamps_ns))), np.zeros(imu.stamps_ns.size)
     later[place] = number - 1

@@ -140,9 +140,16 @@ def test_a_recording_without_lost_samples_stays():
     assert whole.stamps_ns.size == COUNT
 
 
-def with_long_steps(places, *, counted):
-    """Return samples with steps of two before some: by a count of rows written twice, or where samples are lost."""
+def with_long_steps(places, *, counted, moving=1.0):
+    """Return samples with steps of two before some: by a count of rows written twice, or where samples are lost.
+
+    moving: how much of the motion there is; the rest is noise.
+    """
     _, whole = lost(())
+    noise = [one - other for one, other in zip(increments(1), increments(2), strict=True)]
+    if np.ndim(moving):
+        rates, forces = moving * whole.rates + noise[0], moving * whole.accelerations + noise[1]
+        whole = replace(whole, rates=rates, accelerations=forces)
     stamps, keep = whole.stamps_ns.copy(), np.ones(COUNT, dtype=bool)
     for place in places:
         stamps[place:] += INTERVAL_NS * counted
@@ -174,3 +181,14 @@ def test_repeats_that_come_evenly_are_of_a_sensor_that_is_asked_too_often():
 def test_two_repeats_say_too_little():
     imu, _ = with_long_steps((300, 700), counted=True)
     assert with_steps_of_one(imu) == (imu, [])
+
+
+@pytest.mark.parametrize("counted", [True, False])
+def test_repeats_show_in_the_moves_between_rests(counted):
+    """Most of the time the readings rest, and fit either way."""
+    places = np.sort(np.random.default_rng(6).choice(np.arange(40, COUNT - 40, 4), 90, replace=False))
+    moving = np.maximum(np.sin(0.8e-9 * INTERVAL_NS * np.arange(COUNT)), 0.0) ** 12
+    imu, right = with_long_steps(places.tolist(), counted=counted, moving=moving[:, None])
+    found, warnings = with_steps_of_one(imu)
+    assert bool(warnings) is counted
+    np.testing.assert_array_equal(found.stamps_ns, right)
