@@ -176,7 +176,9 @@ def moved(values: Array, interval: float, middle: Callable[..., Array] = np.mean
     m = max(round(1.0 / interval), 2)
     means = middle(values[: len(values) // m * m].reshape(-1, m, 3), axis=1)
     steps = np.abs(np.diff(means, axis=0))
-    over = steps / (np.median(steps, axis=0) + 1e-12)
+    # a converter's step is no motion, where it is larger than the noise
+    least = np.array([np.diff(np.unique(axis)).min(initial=np.ptp(axis)) for axis in values.T]) / MOVING
+    over = steps / (np.median(steps, axis=0) + least + 1e-12)
     return float(over.max()), int(np.argmax(over.max(axis=1)))
 
 

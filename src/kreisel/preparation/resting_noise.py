@@ -11,6 +11,7 @@ import numpy as np
 from kreisel.errors import RecordingError
 from kreisel.inertial.allan import TERMS, NoiseFigures, density_and_walk, noise_figures, unrest, warms_up
 from kreisel.inertial.lines import Line, without_lines
+from kreisel.inertial.noise_figures import coarse_step
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.units import DEG, MG
 from kreisel.validation.imu_checks import check_quantities
@@ -93,6 +94,7 @@ def allan_report(recording: Recording) -> AllanReport:
         quiet, lines = without_lines(values, imu.interval)
         figures[sensor] = noise_figures(quiet, imu.interval)
         remarks += _remarks(sensor, figures[sensor], values) + _remarks_of_lines(sensor, lines)
+        remarks += _remarks_of_steps(sensor, values)
     return AllanReport(figures, tuple(remarks), seconds)
 
 
@@ -126,6 +128,18 @@ def _remarks_of_lines(sensor: str, lines: tuple[Line, ...]) -> list[str]:
     each = [f"{'xyz'[i]} at {one.frequency:.4g} Hz ({one.size:.2g} {unit} rms)" for i, one in sorted(largest.items())]
     shown = ", ".join(each)
     return [f"{sensor}: vibration of {shown}: a line in the spectrum, not noise; the figures are those without it"]
+
+
+def _remarks_of_steps(sensor: str, values: np.ndarray) -> list[str]:
+    """Return the remark about readings in steps that are larger than their noise."""
+    step = coarse_step(values)
+    if step == 0.0:
+        return []
+    unit = "rad/s" if sensor == "gyroscope" else "m/s^2"
+    return [
+        f"{sensor}: readings are in steps of {step:.2g} {unit}, larger than their noise: the figures are those of the "
+        "steps, which change with the value at rest; record with finer steps, or several rests"
+    ]
 
 
 def _remarks_of_noise(sensor: str, found: NoiseFigures, values: np.ndarray, alive: np.ndarray) -> list[str]:

@@ -30,7 +30,8 @@ from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import judge_static
 from kreisel.static.vertical_turn import effect_of_vertical, vertical_turn
 from kreisel.units import MRAD
-from kreisel.validation.masking import without_spikes
+from kreisel.validation.imu_checks import check_dead
+from kreisel.validation.masking import CHANNELS, without_spikes
 
 _NO_GRAVITY = (
     "gravity is not known well: the accelerometers' scale factors are uncertain by 0.15 % for it (--gravity, or "
@@ -168,6 +169,7 @@ def calibrate_static(
     if gravity is not None:
         table = table.model_validate({**table.model_dump(), "gravity": gravity})
     site, of_site = site_of(table)
+    check_dead(recording.imu, CHANNELS[3:])
     imu, spikes = without_spikes(recording.imu)
     imu, counts = in_quantities(imu, site.gravity)
     rests = find_rests(imu)

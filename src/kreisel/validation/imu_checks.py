@@ -6,7 +6,7 @@ Single samples that show no motion are left out by `masking`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import combinations
 
@@ -43,7 +43,7 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
     _check_filled(imu)
     check_gravity(imu)
     warnings: list[DataWarning] = []
-    for check_whole in (_check_dead, _check_copies):
+    for check_whole in (check_dead, _check_copies):
         with _as_warnings(warnings, moved=moved):
             check_whole(imu)
     imu, masked = without_faults(imu, moved=moved)
@@ -138,8 +138,10 @@ def _channels(imu: ImuSamples) -> list[Array]:
     return [*imu.rates.T, *imu.accelerations.T]
 
 
-def _check_dead(imu: ImuSamples) -> None:
-    dead = [(name, x[0]) for name, x in zip(CHANNELS, _channels(imu), strict=True) if x.max() == x.min()]
+def check_dead(imu: ImuSamples, names: Sequence[str] = CHANNELS) -> None:
+    """Raise an error if one of some channels never changes."""
+    columns = zip(CHANNELS, _channels(imu), strict=True)
+    dead = [(name, x[0]) for name, x in columns if name in names and x.max() == x.min()]
     if dead:
         names = ", ".join(f"{name} (always {value:.4g})" for name, value in dead)
         raise RecordingError(

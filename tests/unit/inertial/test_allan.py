@@ -10,6 +10,7 @@ from kreisel.inertial.allan import (
     density_and_walk,
     moved,
     noise_figures,
+    unrest,
     usual_clusters,
     warms_up,
 )
@@ -71,6 +72,15 @@ def test_motion_is_told_from_noise():
     most, second = moved(resting, 0.01)
     assert most > 10.0
     assert second in (49, 50, 51)
+
+
+@pytest.mark.parametrize("step", [2e-3, 8e-3])
+def test_steps_of_a_converter_are_no_motion(step):
+    resting = noise(np.random.default_rng(5), 10_000, 100.0, 1e-4, 0.0, 0.0)
+    coarse = np.round(np.add(resting, [0.0, 0.48 * step, 0.3 * step]) / step) * step
+    assert unrest(coarse, 0.01) is None
+    coarse[5000:5200] += 3.0 * step
+    assert "times as much" in unrest(coarse, 0.01)
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])

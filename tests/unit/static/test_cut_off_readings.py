@@ -40,6 +40,14 @@ def worst(outcome, from_all):
     return float(np.max(scores))
 
 
+@pytest.mark.parametrize("channel", [0, 2])
+def test_an_accelerometer_that_never_changes_is_named(whole, channel):
+    forces = whole.imu.accelerations.copy()
+    forces[:, channel] = 0.034
+    with pytest.raises(RecordingError, match=f"dead channel: a_{'xyz'[channel]} .*never changes"):
+        calibrate_static(changed(whole, accelerations=forces))
+
+
 def test_turns_with_gyros_at_the_end_of_their_range_are_not_used(whole, from_all):
     limit = 0.8 * np.abs(whole.imu.rates).max()
     outcome = calibrate_static(changed(whole, rates=np.clip(whole.imu.rates, -limit, limit)))
