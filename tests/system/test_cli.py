@@ -337,9 +337,12 @@ def test_recordings_of_one_device_are_calibrated_together(refused, tmp_path):
         made = run("simulate", "--seed", "31", "--run", str(number), "--seconds", "50", "-o", tmp_path / f"run{number}")
         assert made.returncode == 0, made.stderr
     both = (tmp_path / "run1", tmp_path / "run2")
-    out = tmp_path / "out"
-    done = run("calibrate", *both, "--joint", "--same", "mount", "-o", out)
+    out, broken = tmp_path / "out", tmp_path / "broken"
+    (broken / "imu0").mkdir(parents=True)
+    (broken / "imu0" / "data.csv").write_text("#timestamp [ns]\n")
+    done = run("calibrate", both[0], broken, both[1], "--joint", "--same", "mount", "-o", out)
     assert done.returncode == 0, done.stderr
+    assert "broken: not used; refused: " in " ".join(done.stdout.split())
     assert "the same in all: device, mount, robot, site, reference" in done.stdout
     document = YAML(typ="safe").load((out / "calibration.yaml").read_text())
     schema = json.loads((Path(kreisel.__file__).parent / "calibration" / "result-schema.json").read_text())

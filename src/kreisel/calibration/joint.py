@@ -61,6 +61,7 @@ def calibrate_joint(
     progress: Progress | bool | None = None,
     *,
     names: Sequence[str] = (),
+    unread: Sequence[tuple[str, str]] = (),
     executor: Executor = sequential,
 ) -> Joint:
     """Return one calibration of a device from several recordings of it.
@@ -75,6 +76,8 @@ def calibrate_joint(
         As of `kreisel.calibrate`.
     names
         Of the recordings; their own by default.
+    unread
+        Names of further recordings that could not be read, and why: they are named among those that are left out.
 
     Raises
     ------
@@ -89,9 +92,11 @@ def calibrate_joint(
     own = replace(settings or CalibrationSettings(), partial=True)
     with shown(progress) as show:
         outcomes, left_out = _Alone(recordings, named, own, show, executor).outcomes()
+    left_out = (*unread, *left_out)
     if len(outcomes) < 2:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out)
-        few = "give two or more recordings of one device" if len(recordings) < 2 else "fewer than two can be used"
+        given = len(recordings) + len(unread)
+        few = "give two or more recordings of one device" if given < 2 else "fewer than two can be used"
         raise SettingsError(f"{few}{f' ({reasons})' if reasons else ''}")
     # b is the body of a reference that has orientations, where there is one
     order = sorted(outcomes, key=lambda i: outcomes[i].problem.reference.quaternions is None)

@@ -27,16 +27,27 @@ def calibrate_together(
     Raises
     ------
     KreiselError
-        If a recording cannot be read, or fewer than two can be used.
+        If there is no such recording, or fewer than two can be used.
     """
     from kreisel.calibration.joint import calibrate_joint
     from kreisel.cli.progress_bar import progress_bar
     from kreisel.cli.threads import in_threads, releasing_memory
+    from kreisel.errors import RecordingError
 
     names = names_of(paths)
     with releasing_memory(), progress_bar() as show:
-        recordings = [read(path) for path in paths]
-        joint = calibrate_joint(recordings, settings, common, show, names=names, executor=in_threads)
+        recordings, unread = {}, []
+        for name, path in zip(names, paths, strict=True):
+            try:
+                recordings[name] = read(path)
+            except RecordingError as error:
+                if not path.exists():
+                    raise
+                unread.append((name, f"refused: {error}"))
+        joint = calibrate_joint(
+            list(recordings.values()), settings, common, show,
+            names=list(recordings), unread=unread, executor=in_threads,
+        )  # fmt: skip
         if output is not None:
             _save(joint, output)
     return joint
