@@ -19,7 +19,9 @@ from kreisel.array.lower_rate import smoothed, window_for
 from kreisel.array.mean_imu import MIN_EXPLAINED
 from kreisel.array.resampled import Resampled, clipped_samples, resampled, white_noise
 from kreisel.array.rest_density import Standstills, standstills
+from kreisel.array.sudden_change import SuddenChange, sudden_change
 from kreisel.array.unit_clock import clock_of
+from kreisel.array.unsteady_clock import UnsteadyClock, unsteady_clock
 from kreisel.calibration.result import Calibration
 from kreisel.errors import KreiselError, RecordingError, SynchronizationError
 from kreisel.geometry.rotation import Array, Mask
@@ -201,13 +203,12 @@ def fuse(units: Sequence[UnitReadings], progress: StepProgress | None = None) ->
     Raises
     ------
     RecordingError
-        If no two units move together.
+        If no two units move together all the time.
     """
-    group = _moving_together(units, progress)
+    group = _steady(units, progress)
     base = group.units[0]
     stamps = _filled(base.imu.stamps_ns)
     times = (stamps - stamps[0]) * 1e-9
-    group = replace(group, units=tuple(unit.for_rate(base.imu.interval) for unit in group.units))
     noise = np.array([unit.noise for unit in group.units])
     rates, there, known = _mean(group, times, noise)
     still = standstills(times, (rates, there), known)
@@ -235,11 +236,49 @@ def fuse(units: Sequence[UnitReadings], progress: StepProgress | None = None) ->
 
 @dataclass(frozen=True)
 class _Group:
-    """Units that move together, the base first, with their clocks against it."""
+    """Units that move together, the base first and at its rate, with their clocks against it."""
 
     units: tuple[UnitReadings, ...]
     clocks: tuple[Clock, ...]
     left_out: Mapping[str, str]
+
+
+def _steady(units: Sequence[UnitReadings], progress: StepProgress | None) -> _Group:
+    """Return the units that move together without one that turns on the body, or whose clock jumps.
+
+    Raises
+    ------
+    RecordingError
+        If fewer than two are left.
+    """
+    left_out: dict[str, str] = {}
+    while True:
+        group = _moving_together(units, progress)
+        left_out |= group.left_out
+        change = _change(group)
+        if change is None:
+            return replace(group, left_out=left_out)
+        name = group.units[change.number].name
+        if len(group.units) == 2:
+            raise RecordingError(f"no two units move together all the time: {name}: {change.text}")
+        left_out[name] = change.text
+        units = [unit for unit in group.units if unit.name != name]
+
+
+def _change(group: _Group) -> SuddenChange | UnsteadyClock | None:
+    """Return the clearest change of a unit against the others, if there is one.
+
+    Many jumps of one clock may look like one of another unit.
+    """
+    times = group.units[0].imu.seconds
+    seen = [unit.at(clock, times) for unit, clock in zip(group.units, group.clocks, strict=True)]
+    known = np.all([one.known for one in seen], axis=0)
+    rates, t = np.stack([one.rates[known] for one in seen]), times[known]
+    slope = local_cubics(t, usual_interval(t)).slopes(rates.mean(axis=0))
+    unsteady, change = unsteady_clock(t, rates, slope), sudden_change(t, rates, slope)
+    if unsteady is None or (change is not None and change.number == unsteady.number):
+        return change
+    return unsteady
 
 
 def _moving_together(units: Sequence[UnitReadings], progress: StepProgress | None) -> _Group:
@@ -273,6 +312,7 @@ def _group(base: UnitReadings, units: Sequence[UnitReadings], progress: StepProg
             continue
         found.append(unit)
         clocks.append(clock)
+    found = [unit.for_rate(base.imu.interval) for unit in found]
     return _Group(tuple(found), tuple(clocks), left_out)
 
 

@@ -104,14 +104,31 @@ def _changes(number: int, seconds: Array, own: Array, others: Array, slope: Arra
         if not used.any():
             continue
         lasting = _lasting(others[used], slope[used], late[used])
-        left = own[used] - others[used]
-        left = left - lasting @ _least_squares(lasting, left)
+        left = _without(lasting, own[used] - others[used])
         for turn, X in ((True, -skew(others[used])), (False, slope[used][:, :, None])):
             k, size, weight = _clearest(*_sums(part[used], X, lasting, left), np.flatnonzero(group))
             if weight > max(_SURE, out[turn].weight if turn in out else 0.0):
                 when = float(seconds[0] + (seconds[-1] - seconds[0]) * k / _PARTS)
                 out[turn] = SuddenChange(number, when, size, weight, turn)
     return list(out.values())
+
+
+def lasting_difference(own: Array, others: Array, slope: Array, late: Array) -> Array:
+    """Return what is left of the difference of rates (n, 3) beside what is alike all the time.
+
+    Parameters
+    ----------
+    slope : (n, 3)
+        Derivative of the rates.
+    late : (n,)
+        Time, from 0 to 1.
+    """
+    return _without(_lasting(others, slope, late), own - others)
+
+
+def _without(lasting: Array, values: Array) -> Array:
+    """Return values (n, 3) without the combination of columns (n, 3, q) that is nearest to them."""
+    return np.asarray(values - lasting @ _least_squares(lasting, values))
 
 
 def _lasting(rates: Array, slope: Array, late: Array) -> Array:
