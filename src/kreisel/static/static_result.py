@@ -27,7 +27,7 @@ from kreisel.static.rest_search import find_rests
 from kreisel.static.slow_turn import common_turn, effect_of
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
 from kreisel.static.static_parts import Judged, budget_of, parts_of
-from kreisel.static.static_verdict import judge_static
+from kreisel.static.static_verdict import LOST, SKIPPED, judge_static
 from kreisel.static.vertical_turn import effect_of_vertical, vertical_turn
 from kreisel.units import MRAD
 from kreisel.validation.imu_checks import check_dead
@@ -84,10 +84,6 @@ _NO_MIRROR = 0.5
 
 _KNOWN = 0.1
 """Deviation of the gyros' matrix up to which it shows their axes."""
-
-_LOST = 2e-3
-"""Share of lost samples from which on it is said. Chosen: that of usual scale factors after calibration."""
-
 
 _BROKEN = "turns across which readings are missing, and that are not used: {count}"
 """What is said of turns that nothing measured as a whole."""
@@ -223,7 +219,7 @@ def concluded(
     if vertical is not None and not vertical.reason:
         warnings = (*warnings, DataWarning("standstills", vertical.remark))
     latitude = "" if vertical is None else vertical.reason
-    verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only, latitude)
+    verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only, latitude, least)
     judged = Judged(chosen, covariance, budget_of(found, more), verdict, time.perf_counter() - began, warnings)
     names = found.problem.names[:own]
     calibration = Calibration(
@@ -379,9 +375,8 @@ def _remarks(found: StaticEstimate, walked: Array, lost: float) -> list[DataWarn
         )
         out.append(DataWarning("offsets", f"{text}: the offsets hold at one g; add attitudes between the faces"))
     out += _warming(found)
-    if lost > _LOST:
-        text = f"{100.0 * lost:.2g} % or more of the samples are lost without a gap in the stamps"
-        out.append(DataWarning("imu", f"{text}: turns are too small by it; record the device's own stamps"))
+    if lost > LOST:
+        out.append(DataWarning("imu", SKIPPED.format(share=100.0 * lost)))
     broken = np.setdiff1d(np.flatnonzero(~found.linear.turns.whole), found.problem.unused)
     if broken.size and np.ptp(found.problem.imu.rates, axis=0).all():
         out.append(DataWarning("turns", _BROKEN.format(count=broken.size)))

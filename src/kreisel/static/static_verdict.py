@@ -32,8 +32,24 @@ MAX_HALVES = 4.5
 """Deviations by which both halves of a recording may differ, as in `calibrate`."""
 
 
+LOST = 2e-3
+"""Share of lost samples from which on it is said. Chosen: that of usual scale factors after calibration."""
+
+SKIPPED = (
+    "{share:.2g} % or more of the readings change by twice as much from the one before: samples are lost without a gap "
+    "in the stamps, and turns are too small by it, or the device is asked more slowly than it measures; record every "
+    "sample with the stamp of the device"
+)
+"""What is said then."""
+
+
 def judge_static(
-    found: StaticEstimate, deviation: Array, halves: Array | None, only: str | None, latitude: str = ""
+    found: StaticEstimate,
+    deviation: Array,
+    halves: Array | None,
+    only: str | None,
+    latitude: str = "",
+    skipped: float = 0.0,
 ) -> Verdict:
     """Return the verdict.
 
@@ -47,6 +63,8 @@ def judge_static(
         The sensor that is asked for.
     latitude
         What contradicts the stated latitude.
+    skipped
+        Share of samples that are lost, at least.
     """
     names = found.problem.names[: deviation.size]
     judged = [(name, _weakness(name, sd)) for name, sd in zip(names, deviation, strict=True)]
@@ -56,7 +74,7 @@ def judge_static(
     for sensor in SENSORS:
         lost = [name for name, narrowed in weak if name.startswith(sensor) and not narrowed]
         if lost:
-            hidden[sensor] = _not_observable(found, sensor, lost)
+            hidden[sensor] = _not_observable(found, sensor, lost, skipped)
             reasons[sensor].append(hidden[sensor])
             continue  # what is implausible beside that is a consequence
         reasons[sensor] += _device(found, sensor) + _left_out(found, sensor)
@@ -90,14 +108,17 @@ def judge_static(
     return Verdict(not against, tuple(against), tuple(n for n, _ in weak), sensors=states, unasked=tuple(unasked))
 
 
-def _not_observable(found: StaticEstimate, sensor: str, lost: list[str]) -> str:
+def _not_observable(found: StaticEstimate, sensor: str, lost: list[str], skipped: float) -> str:
     """Return why parameters of a sensor are not observable."""
     imu, count = found.problem.imu, found.problem.rests.count
     values = imu.rates if sensor == "gyroscope" else imu.accelerations
     dead = [axis for axis, one in zip("xyz", np.ptp(values, axis=0) == 0.0, strict=True) if one]
     if dead:
         return f"{sensor}: the readings of {', '.join(dead)} never change: it is not connected, or broken"
-    which = f"not observable with these standstills: {', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}"
+    names = f"{', '.join(lost[:4])}{' and others' if len(lost) > 4 else ''}"
+    if skipped > LOST and sensor == "gyroscope":
+        return f"not observable with these samples: {names}; {SKIPPED.format(share=100.0 * skipped)}"
+    which = f"not observable with these standstills: {names}"
     tables = [one.angle for one in found.problem.known if isinstance(one, TableTurns)]
     if tables and all(np.abs(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))).max() < _WHOLE for angle in tables):
         return f"{which}; whole turns of a table end where they began: turn it by other angles, too, such as 90 deg"
