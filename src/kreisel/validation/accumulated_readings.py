@@ -40,9 +40,9 @@ _NOISE = 1.5
 """Squares that are left of what noise leaves, up to which it is noise: most of a recording may be rests, where steps of
 one and of two are alike."""
 
-_AROUND, _SPIKE, _SPIKES = 8, 0.5, 0.5
-"""Samples from which neighbours are compared; difference from them, of what they are, from which a reading stands out;
-and share of those that do from which they are sums. Chosen: knocks have any direction and size."""
+_AROUND, _LONGER, _SPIKE, _SPIKES = 8, 1.5, 0.5, 0.5
+"""Samples from which neighbours are compared; length, and difference from them, over theirs, from which an acceleration
+stands out; and share of those that do from which they are sums. Chosen: knocks have any direction and size."""
 
 _EVEN = 1.5
 """Ratio of the longest to the shortest distance of places up to which they are evenly spread. Chosen: a beat of two
@@ -63,11 +63,11 @@ def with_lost_samples(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     A sum has the stamp of its last sample, or of its first: then it comes before the long step. Seen backwards in time,
     these are the same. Stamps that only count what arrives are corrected first.
     """
-    imu = _with_steps_of_sums(imu)
-    alone, kinds = _kinds(imu)
+    counted = _with_steps_of_sums(imu)
+    alone, kinds = _kinds(counted)
     if any(kind is not _Kind.SAMPLE for kind in kinds):
-        place, number = _after_long_steps(imu, alone=False)
-        return _divided(imu, place, number, kinds), [_warning(imu, place, kinds, "after")]
+        place, number = _after_long_steps(counted, alone=False)
+        return _divided(counted, place, number, kinds), [_warning(imu, place, kinds, "after")]
     if alone < _LEAST:
         return imu, []
     backwards = _backwards(imu)
@@ -116,25 +116,30 @@ def _with_steps_of_sums(imu: ImuSamples) -> ImuSamples:
 
     Gravity shows it: such a reading is a whole number of times what its neighbours are.
     """
-    steps, a = np.diff(imu.stamps_ns), imu.accelerations
-    if steps.size < _AROUND:
+    a = imu.accelerations
+    if len(a) < _AROUND:
         return imu
+    square = np.einsum("ij,ij->i", a, a)
+    k = np.flatnonzero(square[2:-2] > _LONGER**2 * np.minimum(square[1:-3], square[3:-1])) + 2
+    if k.size < _LEAST:
+        return imu
+    steps = np.diff(imu.stamps_ns)
     usual = float(np.median(steps))
-    even = np.abs(steps - usual) < _OFF * usual
-    own, means = a[2:-2], a.copy()
+    beside = np.array([-2, -1, 1, 2])[:, None]
+    even = (np.abs(steps[k + np.arange(-2, 2)[:, None]] - usual) < _OFF * usual).all(axis=0)
+    means, sums, number = a.copy(), np.zeros(k.size, dtype=bool), np.ones(k.size)
     for _ in range(2):  # sums beside sums are seen when those are divided
-        around = np.median([means[:-4], means[1:-3], means[3:-1], means[4:]], axis=0)
+        around = np.median(means[k + beside], axis=0)
         size = np.maximum(np.sum(around**2, axis=1), 1e-300)
-        number = np.round(np.sum(own * around, axis=1) / size)
-        off = np.sum((own - around) ** 2, axis=1) > _SPIKE**2 * size
-        off &= even[:-3] & even[1:-2] & even[2:-1] & even[3:]
-        left = np.sum((own - number[:, None] * around) ** 2, axis=1)
+        number = np.round(np.sum(a[k] * around, axis=1) / size)
+        off = even & (np.sum((a[k] - around) ** 2, axis=1) > _SPIKE**2 * size)
+        left = np.sum((a[k] - number[:, None] * around) ** 2, axis=1)
         sums = off & (number >= 2) & (number <= _MOST) & (left < _CLEAR * _CLEAR * size)
-        means[2:-2][sums] = own[sums] / number[sums, None]
+        means[k[sums]] = a[k[sums]] / number[sums, None]
     if np.count_nonzero(sums) < max(_LEAST, _SPIKES * np.count_nonzero(off)):
         return imu
     later = np.zeros(imu.stamps_ns.size)
-    later[2:-2][sums] = number[sums] - 1.0
+    later[k[sums]] = number[sums] - 1.0
     return replace(imu, stamps_ns=imu.stamps_ns + np.round(np.cumsum(later) * usual).astype(np.int64))
 
 
