@@ -71,7 +71,7 @@ def _departure(own: Array, usual: Array, slope: Array, late: Array) -> float:
     """Return the rms of delays of parts (0 without noise, s), beside a constant one and what it gains."""
     left = lasting_difference(own, usual, slope, late)
     noise = normal_scale(left)
-    used = (np.abs(left) < _GROSS * noise).all(axis=1)[:, None] * slope
+    used = np.where(np.all(np.abs(left) < _GROSS * noise, axis=1, keepdims=True), slope, 0.0)
     part = np.minimum((late * _PARTS).astype(int), _PARTS - 1)
     info, score = (np.bincount(part, np.sum(used * values, axis=1), _PARTS) for values in (slope, left))
     rich = info > _RICH * info.mean()
