@@ -108,7 +108,7 @@ def judge_static(
     return Verdict(not against, tuple(against), tuple(n for n, _ in weak), sensors=states, unasked=tuple(unasked))
 
 
-def _not_observable(found: StaticEstimate, sensor: str, lost: list[str], skipped: float) -> str:
+def _not_observable(found: StaticEstimate, sensor: str, lost: list[str], skipped: float = 0.0) -> str:
     """Return why parameters of a sensor are not observable."""
     imu, count = found.problem.imu, found.problem.rests.count
     values = imu.rates if sensor == "gyroscope" else imu.accelerations
