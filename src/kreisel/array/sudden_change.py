@@ -13,7 +13,7 @@ import numpy as np
 from kreisel.estimation.robust import normal_scale
 from kreisel.geometry.rotation import Array, Indices, Mask, skew
 
-_PARTS, _EDGE = 60, 3
+PARTS, _EDGE = 60, 3
 """Parts of a recording between which a change is looked for, and those at either end in which it is not."""
 
 _SURE = 60.0
@@ -28,7 +28,7 @@ _ALONE, _OF_TWO = 1.6, 3.0
 """By how much the change of one unit must exceed that of any other, and of two units the smallest one that counts: of
 three units the other two change by half of it."""
 
-_RICH = 0.03
+RICH = 0.03
 """Share of the information of usual parts that a part must have to show a change by itself."""
 
 _SIZES = (0.03, 0.4)
@@ -95,9 +95,8 @@ def sudden_change(seconds: Array, rates: Array, slope: Array) -> SuddenChange | 
 
 def _changes(number: int, seconds: Array, own: Array, others: Array, slope: Array) -> list[SuddenChange]:
     """Return the clearest turn and the clearest delay of an IMU against the others' mean (n, 3), if there are any."""
-    late = (seconds - seconds[0]) / (seconds[-1] - seconds[0])
-    part = np.minimum((late * _PARTS).astype(int), _PARTS - 1)
-    power = np.bincount(part, np.sum(others**2, axis=1), _PARTS) / np.maximum(np.bincount(part, minlength=_PARTS), 1)
+    late, part = in_parts(seconds)
+    power = np.bincount(part, np.sum(others**2, axis=1), PARTS) / np.maximum(np.bincount(part, minlength=PARTS), 1)
     out: dict[bool, SuddenChange] = {}
     for group in _alike(power):
         used = group[part]
@@ -108,9 +107,15 @@ def _changes(number: int, seconds: Array, own: Array, others: Array, slope: Arra
         for turn, X in ((True, -skew(others[used])), (False, slope[used][:, :, None])):
             k, size, weight = _clearest(*_sums(part[used], X, lasting, left), np.flatnonzero(group))
             if weight > max(_SURE, out[turn].weight if turn in out else 0.0):
-                when = float(seconds[0] + (seconds[-1] - seconds[0]) * k / _PARTS)
+                when = float(seconds[0] + (seconds[-1] - seconds[0]) * k / PARTS)
                 out[turn] = SuddenChange(number, when, size, weight, turn)
     return list(out.values())
+
+
+def in_parts(seconds: Array) -> tuple[Array, Indices]:
+    """Return times (n,) from 0 to 1, and the parts that they are in."""
+    late = (seconds - seconds[0]) / (seconds[-1] - seconds[0])
+    return late, np.minimum((late * PARTS).astype(int), PARTS - 1)
 
 
 def lasting_difference(own: Array, others: Array, slope: Array, late: Array) -> Array:
@@ -165,7 +170,7 @@ def _sums(part: Indices, X: Array, lasting: Array, left: Array) -> tuple[Array, 
     """
     variance = max(normal_scale(left) ** 2, 1e-30)
     p, q = X.shape[2], lasting.shape[2]
-    info, cross, score = np.zeros((_PARTS, p, p)), np.zeros((_PARTS, p, q)), np.zeros((_PARTS, p))
+    info, cross, score = np.zeros((PARTS, p, p)), np.zeros((PARTS, p, q)), np.zeros((PARTS, p))
     np.add.at(info, part, np.swapaxes(X, 1, 2) @ X / variance)
     np.add.at(cross, part, np.swapaxes(X, 1, 2) @ lasting / variance)
     np.add.at(score, part, np.einsum("nip,ni->np", X, left) / variance)
@@ -179,7 +184,7 @@ def _clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indi
     group: numbers of the parts that are compared; of others the sums are zero.
     """
     p = score.shape[1]
-    least = _RICH * float(np.trace(info.sum(axis=0))) / (p * group.size)
+    least = RICH * float(np.trace(info.sum(axis=0))) / (p * group.size)
     rich = np.linalg.eigvalsh(info)[:, 0] > least
     places = np.flatnonzero(rich)[_EDGE:-_EDGE]
     if places.size < 2:

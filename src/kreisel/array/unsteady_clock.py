@@ -6,15 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.array.sudden_change import lasting_difference
+from kreisel.array.sudden_change import PARTS, RICH, in_parts, lasting_difference
 from kreisel.estimation.robust import normal_scale
-from kreisel.geometry.rotation import Array
-
-_PARTS = 60
-"""Parts of a recording, each with its own delay."""
-
-_RICH = 0.03
-"""Share of the information of an average part that a part must have."""
+from kreisel.geometry.rotation import Array, Indices
 
 _DELAY = 2e-3
 """s; departure that counts, rms. Chosen: delays of units of a public board that nothing touched differed by 0.9 ms from
@@ -56,9 +50,9 @@ def unsteady_clock(seconds: Array, rates: Array, slope: Array) -> UnsteadyClock 
         Derivative of their mean.
     """
     count = len(rates)
-    late = (seconds - seconds[0]) / (seconds[-1] - seconds[0])
+    late, part = in_parts(seconds)
     usual = rates[0] if count == 2 else np.median(rates, axis=0)
-    found = [_departure(own, usual, slope, late) for own in (rates[1:] if count == 2 else rates)]
+    found = [_departure(own, usual, slope, late, part) for own in (rates[1:] if count == 2 else rates)]
     order = np.argsort(found)
     largest = int(order[-1])
     second = found[int(order[-2])] if count > 2 else 0.0
@@ -67,13 +61,12 @@ def unsteady_clock(seconds: Array, rates: Array, slope: Array) -> UnsteadyClock 
     return UnsteadyClock(largest + (1 if count == 2 else 0), found[largest])
 
 
-def _departure(own: Array, usual: Array, slope: Array, late: Array) -> float:
+def _departure(own: Array, usual: Array, slope: Array, late: Array, part: Indices) -> float:
     """Return the rms of delays of parts (0 without noise, s), beside a constant one and what it gains."""
     left = lasting_difference(own, usual, slope, late)
     noise = normal_scale(left)
     used = np.where(np.all(np.abs(left) < _GROSS * noise, axis=1, keepdims=True), slope, 0.0)
-    part = np.minimum((late * _PARTS).astype(int), _PARTS - 1)
-    info, score = (np.bincount(part, np.sum(used * values, axis=1), _PARTS) for values in (slope, left))
-    rich = info > _RICH * info.mean()
+    info, score = (np.bincount(part, np.sum(used * values, axis=1), PARTS) for values in (slope, left))
+    rich = info > RICH * info.mean()
     variance = noise**2 / info[rich]
     return float(max(np.mean((score[rich] / info[rich]) ** 2 - variance), 0.0) ** 0.5)
