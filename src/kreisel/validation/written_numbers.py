@@ -45,7 +45,7 @@ def check_written(imu: ImuSamples) -> None:
     sizes = [imu.units.size("rate")] * 3 + [imu.units.size("acceleration")] * 3
     columns = [*imu.rates.T, *imu.accelerations.T]
     for name, column, size in zip(CHANNELS, columns, sizes, strict=True):
-        text = _without_sign(column, every) or _without_zeros(column / size, every)
+        text = _without_sign(column, every) or _without_zeros(column, size, every)
         if text is not None:
             raise header_fault(imu.source, f"{name}: {text}")
 
@@ -74,9 +74,9 @@ def _without_sign(values: Array, every: int) -> str | None:
     )
 
 
-def _without_zeros(values: Array, every: int) -> str | None:
+def _without_zeros(values: Array, unit: float, every: int) -> str | None:
     """Return what is wrong if no fraction begins with a zero, though there are many of all others."""
-    looked_at = values[::every]
+    looked_at = values[::every] / unit
     fractions = np.unique(np.round(np.abs(looked_at) % 1.0, 6))
     small, others = fractions[(fractions > 0.0) & (fractions < 0.1)], fractions[fractions >= 0.1]
     if small.size or others.size < _FRACTIONS or np.ptp(looked_at) < 2.0:
@@ -87,7 +87,7 @@ def _without_zeros(values: Array, every: int) -> str | None:
         at = np.flatnonzero((x[:-2] > 0.0) & (whole[:-2] == whole[1:-1]) & (whole[2:] == whole[1:-1] + 1.0)) + 2
         return at, whole[at, None] + (x[at] - whole[at])[:, None] / _DIGITS
 
-    if not _continues(np.abs(values), passes):
+    if not _continues(np.abs(values) / unit, passes):
         return None
     return (
         f"of {others.size} different fractions none begins with a zero: 1.05 was written as 1.5, as if whole parts and "
