@@ -14,7 +14,7 @@ from kreisel.formats.imu_lines import ImuLines, ImuRows
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.effects import follows_temperature
 from kreisel.recording.recording import ImuSamples, Stamps
-from kreisel.validation.as_sampled import scatter_of, scatters
+from kreisel.validation.as_sampled import scatter_of
 
 HEADER = "w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z"
 """Columns of what is written; in front of it the stamps as they were read, after it the other columns."""
@@ -141,9 +141,10 @@ class CorrectedTable:
 
 def scatter_of_stamps(stamps: Stamps) -> list[str]:
     """Return a note where steps between the first stamps of a stream, ns, scatter about whole intervals."""
-    interval, scatter = scatter_of(stamps)
-    if not scatters(interval, scatter):
+    found = scatter_of(stamps)
+    if found is None:
         return []
+    interval, scatter = found
     return [
         f"steps between the first {stamps.size} stamps scatter by {1e-6 * scatter:.2g} ms about "
         f"{1e-6 * interval:.4g} ms, and with them what lever arms contribute to the forces; where stamps are moments "

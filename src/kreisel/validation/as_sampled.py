@@ -72,20 +72,19 @@ def sampled_rows(imu: ImuSamples) -> SampledRows:
     return SampledRows(found, of_row, warnings + scattering)
 
 
-def scatter_of(stamps: Stamps) -> tuple[float, float]:
-    """Return the interval of stamps, and how far their steps are from whole intervals on average, ns."""
+def scatter_of(stamps: Stamps) -> tuple[float, float] | None:
+    """Return the interval of stamps, and how far their steps are from whole intervals on average, ns.
+
+    None where that is so little that derivatives do not scatter.
+    """
     steps = np.diff(stamps).astype(np.float64)
     lag = min(_LAG, steps.size)
     if lag == 0:
-        return 0.0, 0.0
+        return None
     interval = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
     off = np.abs(steps - np.maximum(np.round(steps / interval), 1.0) * interval)
-    return interval, float(off[steps <= max(_LONG * interval, _LONG_NS)].mean())
-
-
-def scatters(interval: float, scatter: float) -> bool:
-    """Return whether stamps scatter so much that derivatives do."""
-    return scatter > _SCATTER * interval
+    scatter = float(off[steps <= max(_LONG * interval, _LONG_NS)].mean())
+    return (interval, scatter) if scatter > _SCATTER * interval else None
 
 
 def _with_even_steps(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
@@ -93,9 +92,10 @@ def _with_even_steps(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
 
     The steps are right but for single ones, where a sample is missing. Samples that follow their stamps are left.
     """
-    interval, scatter = scatter_of(imu.stamps_ns)
-    if not scatters(interval, scatter):
+    found = scatter_of(imu.stamps_ns)
+    if found is None:
         return imu, []
+    interval, scatter = found
     t = (imu.stamps_ns - imu.stamps_ns[0]) / interval
     if squares_left(imu.rates, t) < _TRUE * squares_left(imu.rates, np.arange(t.size, dtype=np.float64)):
         return imu, []
