@@ -24,6 +24,12 @@ from kreisel.validation.masking import CHANNELS, without_faults, without_repeats
 _COLDEST, _HOTTEST = -80.0, 200.0
 """Degrees Celsius, of a sensor that works."""
 
+_SPIKED = 1e-3
+"""Share of readings of a dead channel that may be spikes of the line. Chosen: one that works changes more often."""
+
+_LOOKED_AT = 1000
+"""Readings that show which one is usual. Chosen: spikes are one in a thousand at most."""
+
 
 def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWarning]]:
     """Return the samples without those that show no motion or repeat the one before, and the warnings about them.
@@ -43,9 +49,10 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
     _check_filled(imu)
     check_gravity(imu)
     warnings: list[DataWarning] = []
-    for check_whole in (check_dead, _check_copies):
-        with _as_warnings(warnings, moved=moved):
-            check_whole(imu)
+    with _as_warnings(warnings, moved=moved):
+        check_dead(imu, moved=moved)
+    with _as_warnings(warnings, moved=moved):
+        _check_copies(imu)
     imu, masked = without_faults(imu, moved=moved)
     imu, repeated = without_repeats(imu)
     return imu, [*warnings, *masked, *repeated]
@@ -138,16 +145,28 @@ def _channels(imu: ImuSamples) -> list[Array]:
     return [*imu.rates.T, *imu.accelerations.T]
 
 
-def check_dead(imu: ImuSamples, names: Sequence[str] = CHANNELS) -> None:
-    """Raise an error if one of some channels never changes."""
+def check_dead(imu: ImuSamples, names: Sequence[str] = CHANNELS, *, moved: bool = True) -> None:
+    """Raise an error if one of some channels never changes; of a sensor that was moved, apart from a few spikes."""
+    spikes = _SPIKED * imu.stamps_ns.size if moved else 0.0
     columns = zip(CHANNELS, _channels(imu), strict=True)
-    dead = [(name, x[0]) for name, x in columns if name in names and x.max() == x.min()]
+    others = [(name, *_others(x)) for name, x in columns if name in names]
+    dead = [(name, value, count) for name, value, count in others if count <= spikes]
     if dead:
-        names = ", ".join(f"{name} (always {value:.4g})" for name, value in dead)
+        but = {0: "", 1: " but for one reading"}
+        names = ", ".join(
+            f"{name} (always {value:.4g}{but.get(count, f' but for {count} readings')})" for name, value, count in dead
+        )
         raise RecordingError(
             f"dead channel: {names} never changes; check the sensor and the columns, and record again",
             file=imu.source,
         )
+
+
+def _others(readings: Array) -> tuple[float, int]:
+    """Return the usual reading of a channel, and how many are other than that."""
+    some = readings[:: max(len(readings) // _LOOKED_AT, 1)]
+    usual = float(np.partition(some, len(some) // 2)[len(some) // 2])
+    return usual, int(np.count_nonzero(readings != usual))
 
 
 def _check_copies(imu: ImuSamples) -> None:

@@ -40,11 +40,12 @@ def worst(outcome, from_all):
     return float(np.max(scores))
 
 
-@pytest.mark.parametrize("channel", [0, 2])
-def test_an_accelerometer_that_never_changes_is_named(whole, channel):
+@pytest.mark.parametrize(("channel", "spikes", "said"), [(0, 0, ""), (2, 0, ""), (1, 1, " but for one reading")])
+def test_an_accelerometer_that_never_changes_is_named(whole, channel, spikes, said):
     forces = whole.imu.accelerations.copy()
     forces[:, channel] = 0.034
-    with pytest.raises(RecordingError, match=f"dead channel: a_{'xyz'[channel]} .*never changes"):
+    forces[2000 : 2000 + spikes, channel] = 40.0
+    with pytest.raises(RecordingError, match=rf"dead channel: a_{'xyz'[channel]} \(always 0.034{said}\) never changes"):
         calibrate_static(changed(whole, accelerations=forces))
 
 

@@ -194,6 +194,16 @@ def test_clipped_peaks_are_found(share: float, digits: float, channel: int) -> N
     assert f"w_{'xyz'[channel]} is saturated: it stays at its largest value" in message(with_imu(r, rates=rates))
 
 
+def test_a_channel_that_changes_in_spikes_alone_is_dead_where_the_sensor_was_moved() -> None:
+    r = recording()
+    rates = r.imu.rates.copy()
+    rates[:, 1] = 0.0
+    rates[[700, 1400], 1] = 5.0
+    assert "w_y (always 0 but for 2 readings) never changes" in message(with_imu(r, rates=rates))
+    at_rest = check_streams(replace(with_imu(r, rates=rates), reference=None))
+    assert not [one for one in at_rest.warnings if "dead channel" in str(one)]
+
+
 def test_without_a_reference_a_silent_channel_is_only_told() -> None:
     r = recording()
     rates = r.imu.rates.copy()
