@@ -19,7 +19,7 @@ from kreisel.array.resampled import Resampled, white_noise
 from kreisel.errors import SynchronizationError
 from kreisel.geometry.rotation import Array, Mask
 from kreisel.inertial.slopes import local_cubics, usual_interval
-from kreisel.preparation.imu_noise import noise_stated
+from kreisel.preparation.imu_noise import noise_stated, rounding_step
 from kreisel.recording.location import is_table
 from kreisel.recording.recording import ImuSamples, Recording
 from kreisel.recording.recording_settings import RecordingSettings
@@ -52,7 +52,8 @@ class Aligned:
     gyro, accel : (3, 4)
         Matrix and offset.
     noise : (2,)
-        Noise density of rates and accelerations so brought, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz), rms over the axes.
+        Noise density of rates and accelerations so brought, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz), rms over the axes;
+        with that of coarse rounding, whose error is taken to last as long as a row.
     share
         Of the base unit's times, that at which there are readings.
     """
@@ -127,11 +128,11 @@ def align(name: str, imu: ImuSamples, clock: Clock, readings: Resampled, base: B
             f"{100.0 * MIN_EXPLAINED:.0f} % or more: it did not move with them, or its readings are wrong"
         )
     accel = _placed(forces, base.forces[both], base.field[both])
-    noise = [
-        float(np.sqrt(imu.interval * np.mean((part[:, :3] @ white_noise(own)) ** 2)))
+    squared = [
+        imu.interval * np.mean((part[:, :3] @ white_noise(own)) ** 2) + _ROW * rounding_step(own) ** 2 / 12.0
         for part, own in ((gyro, imu.rates), (accel, imu.accelerations))
     ]
-    return Aligned(name, clock, gyro, accel, np.array(noise), float(np.mean(readings.known)))
+    return Aligned(name, clock, gyro, accel, np.sqrt(squared), float(np.mean(readings.known)))
 
 
 def _linear(x: Array, y: Array) -> tuple[Array, float]:

@@ -17,13 +17,14 @@ from kreisel.array.common_motion import BodyMotion, MeanMotion, MotionErrors, av
 from kreisel.array.mount_watch import RowParts, Turn, turn_of
 from kreisel.array.resampled import Resampled, resampled
 from kreisel.array.unit_effects import BENDING, OF_BENDING, bending, candidates, limit, products, shown_effects
+from kreisel.array.unit_solution import LENGTHS, Axis, Solved, excess, excess_by_rounding, parted, products_over, solve
 from kreisel.errors import EstimationError
-from kreisel.estimation.robust import normal_scale
 from kreisel.geometry.rotation import Array, Indices, Mask
 from kreisel.inertial.correction import Block
 from kreisel.inertial.effects import EFFECTS, RawReadings, features_of, groups_of, places_of
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.slopes import local_cubics
+from kreisel.preparation.imu_noise import rounding_step
 from kreisel.recording.recording import ImuSamples
 from kreisel.synchronization.clock import Clock
 
@@ -38,18 +39,8 @@ _NEW_FEATURES = 2
 """Rounds in which features of effects are taken anew. Chosen: effects are thousandths of the readings, and the second
 round's parameters are right to a thousandth."""
 
-_GROSS = 6.0
-"""Standard deviations beyond which a row is left out. Chosen: none of a million rows of noise is."""
-
-_LENGTHS = (1.0, 4.0, 16.0)
-"""Seconds of the parts whose scatter shows what the model of the noise leaves out; the longest tenfold in ten minutes.
-Chosen: periods of an arm's moves, and a few of them."""
-
 _COARSE = 4
 """Rows that are joined where further effects are looked for. Chosen: 0.16 s, in which an arm's rates hardly change."""
-
-_FEW = 12
-"""Parts below which a scatter is not known well enough. Chosen: its deviation is then a fifth."""
 
 
 @dataclass(frozen=True)
@@ -98,15 +89,6 @@ class UnitFit:
     shown: dict[str, float]
     bending: Array
     bending_sd: Array
-
-
-@dataclass(frozen=True)
-class _Axis:
-    """Rows of one axis: derivatives (n, c) by some of all parameters, their places (c,), and what is left (n,)."""
-
-    columns: Array
-    places: Indices
-    left: Array
 
 
 @dataclass(frozen=True)
@@ -180,7 +162,7 @@ def _fit(
         if number < _NEW_FEATURES:
             features = _features(readings, common, sensors, layout, usual_temperature)
         axes = _rows(raw, features, mean, sensors, layout)
-        solved = _solve(axes, whole, layout.count)
+        solved = solve(axes, whole, layout.count)
         moved = float(np.abs(solved.change[-2:]).max()) > _SAME_MOMENT
         sensors = layout.moved(sensors, solved.change)
         clock = _clock_moved(clock, mean.seconds, solved.change[-2:])
@@ -188,7 +170,8 @@ def _fit(
         if np.delete(settled, layout.bending).all():
             break
     J = layout.as_parameters(sensors)
-    factor = _excess(solved, mean.row)
+    step = rounding_step(imu.accelerations)
+    factor = np.maximum(excess(solved, mean.row), excess_by_rounding(solved, raw, step))
     P = factor[:, None] * np.linalg.inv(solved.information) * factor
     by_motion = -np.linalg.solve(*_response(solved, common.errors, sensors))
     deviation = np.sqrt(np.diag(P)[-2:])
@@ -204,7 +187,7 @@ def _fit(
         float(np.count_nonzero(whole & ~(solved.weights > 0.0).all(axis=0))) * mean.row,
         factor,
         turn_of(_parts(solved, mean, sensors)),
-        _shown(averaged(raw, _COARSE), averaged(whole.astype(float), _COARSE) == 1.0, common.coarse, sensors, layout),
+        _shown(raw, whole, common, sensors, layout, rounded=step > 0.0),
         *(layout.as_matrix(values) for values in (solved.change, np.sqrt(np.diag(P)))),
     )
 
@@ -338,9 +321,14 @@ def _features(
 
 
 def _shown(
-    raw: Array, whole: Mask, mean: MeanMotion, p: SensorParameters, layout: _Layout
+    raw: Array, whole: Mask, common: Common, p: SensorParameters, layout: _Layout, *, rounded: bool
 ) -> dict[str, float]:  # fmt: skip
-    """Return the effects that a unit's readings show beyond those of the layout; features are of mean readings."""
+    """Return the effects that a unit's readings show beyond those of the layout; features are of mean readings.
+
+    rounded: whether accelerometers are rounded so coarsely that each attitude at rest has an error of its own, which
+    is like products of accelerations.
+    """
+    mean, raw, whole = common.coarse, averaged(raw, _COARSE), averaged(whole.astype(float), _COARSE) == 1.0
     more = candidates(layout.sizes)
     wide = _Layout.of({**layout.sizes, **more}, bends=True)
     cubics = local_cubics(mean.seconds, mean.row)
@@ -367,7 +355,7 @@ def _shown(
         )
     count += drift.size + of_products.size
     try:
-        solved = _solve(axes, whole, count)
+        solved = solve(axes, whole, count)
     except EstimationError:
         return {}
     target = solved.information @ solved.change
@@ -377,10 +365,10 @@ def _shown(
         x = np.asarray(np.linalg.solve(A, target[used]), dtype=float)
         change = np.zeros(count)
         change[used] = x
-        factor = _excess(replace(solved, change=change), mean.row, used)
+        factor = excess(replace(solved, change=change), mean.row, used)
         return x, factor[:, None] * _inverse(A) * factor
 
-    return shown_effects(fitted, base, places, of_products.ravel(), drift.ravel())
+    return shown_effects(fitted, base, places, of_products.ravel()[: 0 if rounded else None], drift.ravel())
 
 
 def _along(forces: Array, field: Array, S: Array, p: SensorParameters) -> Array:
@@ -390,7 +378,7 @@ def _along(forces: Array, field: Array, S: Array, p: SensorParameters) -> Array:
 
 def _rows(
     raw: Array, features: Mapping[str, Array], mean: MeanMotion, p: SensorParameters, layout: _Layout
-) -> list[_Axis]:
+) -> list[Axis]:
     """Return the rows of all six axes."""
     G, S, m = _inverse(p.K_omega), _inverse(p.K_a), mean.seconds.size
     predicted = {
@@ -426,66 +414,13 @@ def _rows(
             )
             bent = bending(*turns)
         out.append(
-            _Axis(
+            Axis(
                 np.hstack([first, -of_effects, bent, late]),
                 np.concatenate([begin, layout.begin(sensor) + places[own, j], layout.bending, clock]),
                 raw[:, k] - predicted[sensor][:, j] + of_effects @ values[places[own, j]],
             )
         )
     return out
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """A step of the fit: averaged rows with their weights, scatter without and with far ones, change, information."""
-
-    axes: list[_Axis]
-    weights: Array
-    noise: Array
-    rough: Array
-    change: Array
-    information: Array
-
-
-def _solve(axes: list[_Axis], whole: Mask, count: int) -> _Solved:
-    """Return the least squares solution; rows far off are left out, and counted by the scatter of the others."""
-    noise, rough, change, weights = np.ones(6), np.ones(6), np.zeros(count), np.tile(whole.astype(float), (6, 1))
-    for step in range(3):
-        A, b = np.zeros((count, count)), np.zeros(count)
-        for k, axis in enumerate(axes):
-            w = weights[k] / noise[k] ** 2
-            X = axis.columns * w[:, None]
-            A[np.ix_(axis.places, axis.places)] += X.T @ axis.columns
-            b[axis.places] += X.T @ axis.left
-        change = _solution(A, b)
-        for k, axis in enumerate(axes):
-            left = axis.left - axis.columns @ change[axis.places]
-            used = left[whole]
-            noise[k] = normal_scale(used) + 1e-15
-            near = np.abs(left) < _GROSS * noise[k]
-            if step:
-                weights[k] = whole & near
-            noise[k], rough[k] = (
-                max(float(np.sqrt(np.mean(left[rows] ** 2))), 1e-15) for rows in (whole & near, whole)
-            )
-    return _Solved(axes, weights / noise[:, None] ** 2, noise, rough, change, A)
-
-
-def _solution(A: Array, b: Array) -> Array:
-    """Return x with A x = b, by columns of unit size.
-
-    Raises
-    ------
-    EstimationError
-        If a direction is not determined.
-    """
-    size = np.sqrt(np.diag(A))
-    if not (size > 0.0).all():
-        raise EstimationError("its readings, or the motion, do not determine its parameters: an axis does not change")
-    scaled = A / size[:, None] / size
-    if float(np.linalg.eigvalsh(scaled)[0]) < 1e-12:
-        raise EstimationError("the motion does not determine its parameters: turn about all axes")
-    return np.asarray(np.linalg.solve(scaled, b / size) / size)
 
 
 def _clock_moved(clock: Clock, seconds: Array, change: Array) -> Clock:
@@ -496,41 +431,7 @@ def _clock_moved(clock: Clock, seconds: Array, change: Array) -> Clock:
     return Clock(start, (1.0 + clock.skew) * (1.0 + rate) - 1.0)
 
 
-def _parted(values: Array, length: int) -> Array:
-    """Return sums (parts, …) of rows over parts; a last one that is not whole is left out."""
-    n = len(values) // length
-    return np.asarray(values[: n * length].reshape(n, length, *values.shape[1:]).sum(axis=1))
-
-
-def _scores(solved: _Solved) -> Array:
-    """Return what each row says of all parameters at the solution, (n, p)."""
-    out = np.zeros((solved.axes[0].left.size, solved.change.size))
-    for k, axis in enumerate(solved.axes):
-        left = axis.left - axis.columns @ solved.change[axis.places]
-        out[:, axis.places] += axis.columns * (solved.weights[k] * left)[:, None]
-    return out
-
-
-def _excess(solved: _Solved, row: float, used: Indices | None = None) -> Array:
-    """Return factors on the deviations by which they follow the scatter of parts of several lengths, (p,).
-
-    used: places of the parameters that were estimated; all by default.
-    """
-    some = np.arange(solved.change.size) if used is None else used
-    inverse = np.linalg.inv(solved.information[np.ix_(some, some)])
-    usual, scores = np.sqrt(np.diag(inverse)), _scores(solved)[:, some]
-    factor = np.ones(usual.size)
-    for length in _LENGTHS:
-        parts = _parted(scores, max(1, round(length / row)))
-        if len(parts) < _FEW:
-            break
-        influence = parts @ inverse
-        seen = np.sqrt(np.sum(influence**2, axis=0) * len(parts) / (len(parts) - 1.0))
-        factor = np.maximum(factor, seen / usual)
-    return factor
-
-
-def _response(solved: _Solved, errors: MotionErrors, p: SensorParameters) -> tuple[Array, Array]:
+def _response(solved: Solved, errors: MotionErrors, p: SensorParameters) -> tuple[Array, Array]:
     """Return information, and the sums of what errors of the motion do to the readings, over an excerpt."""
     rows, q = errors.rows, errors.rates.shape[2]
     G, S = _inverse(p.K_omega), _inverse(p.K_a)
@@ -548,10 +449,10 @@ def _response(solved: _Solved, errors: MotionErrors, p: SensorParameters) -> tup
     return A, B
 
 
-def _parts(solved: _Solved, mean: MeanMotion, p: SensorParameters) -> RowParts:
+def _parts(solved: Solved, mean: MeanMotion, p: SensorParameters) -> RowParts:
     """Return sums over parts."""
     n, size = mean.seconds.size, solved.change.size
-    length = max(1, min(round(_LENGTHS[1] / mean.row), n // 40))
+    length = max(1, min(round(LENGTHS[1] / mean.row), n // 40))
     G, S, count = np.linalg.inv(p.K_omega), np.linalg.inv(p.K_a), n // length
     info, score, cross = np.zeros((2, count, 6, 6)), np.zeros((2, count, 6)), np.zeros((2, count, 6, size))
     for k, axis in enumerate(solved.axes):
@@ -562,15 +463,8 @@ def _parts(solved: _Solved, mean: MeanMotion, p: SensorParameters) -> RowParts:
         Z[:, 3 + j] = -1.0
         w = solved.weights[k][:, None]
         left = (axis.left - axis.columns @ solved.change[axis.places])[:, None]
-        info[triad] += _products(Z * w, Z, length)
-        score[triad] += _parted(Z * w * left, length)
-        cross[triad][:, :, axis.places] += _products(Z * w, axis.columns, length)
+        info[triad] += products_over(Z * w, Z, length)
+        score[triad] += parted(Z * w * left, length)
+        cross[triad][:, :, axis.places] += products_over(Z * w, axis.columns, length)
     edges = mean.seconds[0] + mean.row * length * np.arange(count + 1)
     return RowParts(edges, info, score, cross, solved.information)
-
-
-def _products(left: Array, right: Array, length: int) -> Array:
-    """Return left' right summed over parts, (parts, a, b)."""
-    n = len(left) // length
-    a, b = (part[: n * length].reshape(n, length, -1) for part in (left, right))
-    return np.asarray(np.swapaxes(a, 1, 2) @ b)

@@ -56,13 +56,13 @@ def unit_reader(base: Recording, first: str) -> Callable[[str], Recording]:
     base, first
         The recording with the readings of the first IMU, and the name of this IMU.
     """
-    read_imu = imu_reader(base.path)
+    read_imu, moved = imu_reader(base.path), base.reference is not None
 
     def read(name: str) -> Recording:
         if name == first:
             return base
         imu, warnings = read_imu(name)
         alone = Recording(base.path, imu, None, settings=base.settings.of_imu(name), warnings=warnings)
-        return replace(check_streams(alone), reference=base.reference, joints=base.joints, urdf=base.urdf)
+        return replace(check_streams(alone, moved=moved), reference=base.reference, joints=base.joints, urdf=base.urdf)
 
     return read

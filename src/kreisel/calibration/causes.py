@@ -10,12 +10,11 @@ from kreisel.calibration.evidence import LatitudeCheck, SplitHalves
 from kreisel.calibration.result_sections import Cause
 from kreisel.estimation.consistency import MAX_REJECTED_IN_A_ROW
 from kreisel.geometry.rotation import Array, Mask, lengths
-from kreisel.inertial.noise_figures import coarse_step
 from kreisel.model.considered_terms import describe
 from kreisel.model.problem import Problem
 from kreisel.preparation.gravity import UNKNOWN_SD
+from kreisel.preparation.imu_noise import rounding_step
 from kreisel.preparation.reference_noise import stamp_resolution
-from kreisel.recording.recording import excerpt
 from kreisel.refinement.discrepancy import describe as describe_family
 from kreisel.refinement.discrepancy_terms import RANGE
 from kreisel.refinement.estimate import Estimate
@@ -202,7 +201,7 @@ def _rounding(estimate: Estimate) -> list[Cause]:
     """Return readings that are rounded so coarsely that their errors do not average out at rest."""
     readings, out = estimate.problem.sensor.readings, []
     for name, values, unit in (("gyro", readings.rates, "rad/s"), ("accelerometer", readings.accelerations, "m/s^2")):
-        step = max(coarse_step(part) for part in excerpt(values))
+        step = rounding_step(values)
         if step > 0.0 and step > _COARSE * float(np.median(np.abs(values - np.median(values, axis=0)))):
             out.append(Cause("rounding", f"{name} readings are rounded to steps of {step:.2g} {unit}", _CERTAIN))
     return out

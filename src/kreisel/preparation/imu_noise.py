@@ -190,8 +190,12 @@ def _drift(values: Array, stated: _Stated) -> float:
     flicker = gauss_markov_size(stated.bias_instability)
     if flicker * (2.0 * GAUSS_MARKOV_TIME) ** 0.5 < _HIDDEN * (stated.density or 0.0):
         flicker = 0.0
-    rounding = max(coarse_step(part) for part in excerpt(values)) / 12.0**0.5
-    return math.hypot(flicker, rounding)
+    return math.hypot(flicker, rounding_step(values) / 12.0**0.5)
+
+
+def rounding_step(values: Array) -> float:
+    """Return the step to which readings (n, 3) are rounded so coarsely that noise at rest does not average it, or 0."""
+    return max(coarse_step(part) for part in excerpt(values))
 
 
 def _size(density: Array) -> float:

@@ -35,8 +35,13 @@ from kreisel.validation.written_numbers import check_written
 __all__ = ["LONG_GAP", "MIN_SECONDS", "check_streams", "gaps"]
 
 
-def check_streams(recording: Recording) -> Recording:
+def check_streams(recording: Recording, *, moved: bool | None = None) -> Recording:
     """Return the recording with warnings added, in order, quaternions of unit length, without empty and repeated rows.
+
+    Parameters
+    ----------
+    moved
+        Whether the IMU was moved; None if that is known by a reference alone.
 
     Raises
     ------
@@ -45,8 +50,9 @@ def check_streams(recording: Recording) -> Recording:
     """
     recording = recording if recording.sha256 else replace(recording, sha256=digest(recording))
     recording = in_order(without_repeated(without_missing(recording)))
+    moved = recording.reference is not None if moved is None else moved
     check_readings(recording.imu)
-    imu, filled = without_filled(with_restarts(recording.imu, moved=recording.reference is not None))
+    imu, filled = without_filled(with_restarts(recording.imu, moved=moved))
     imu, sampling = as_sampled(imu)
     reference, joints = recording.reference, recording.joints
     check_stamps(imu, "IMU")
@@ -56,7 +62,7 @@ def check_streams(recording: Recording) -> Recording:
     imu, accumulated = with_lost_samples(imu)
     warnings = filled + sampling + accumulated + gap_warnings(imu, LONG_GAP)
     check_written(imu)
-    imu, found = check_imu(imu, moved=reference is not None)
+    imu, found = check_imu(imu, moved=moved)
     warnings += found
     if any(warning.subject == "repeats" for warning in found):
         imu, sampling = after_repeats(imu)
