@@ -12,6 +12,7 @@ from kreisel.inertial.counts import Counts
 from kreisel.recording.header import NO_UNITS
 from kreisel.recording.recording import ImuSamples
 from kreisel.units import STANDARD_GRAVITY
+from kreisel.validation.as_sampled import usual_step
 from kreisel.validation.imu_checks import check_gravity, check_temperature
 
 FASTEST = 40.0
@@ -68,7 +69,7 @@ def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False, counts
     except RecordingError as error:
         raise RecordingError(error.message + REMEDY, file=error.file, line=error.line) from error
     if len(samples.stamps_ns) > 1:
-        step = float(np.median(np.diff(samples.stamps_ns)))
+        step = usual_step(samples.stamps_ns)
         rate = 1e9 / step if step > 0.0 else np.inf
         if not SLOWEST_RATE <= rate <= FASTEST_RATE:
             raise RecordingError(

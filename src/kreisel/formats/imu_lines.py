@@ -47,6 +47,8 @@ class ImuLines:
     ----------
     source
         The file, or a name of the stream, for messages.
+    packets
+        Whether rows may have the stamp of the one before, as those of one packet have.
 
     Attributes
     ----------
@@ -56,8 +58,8 @@ class ImuLines:
         What to know about the columns.
     """
 
-    def __init__(self, source: Path) -> None:
-        self._source = source
+    def __init__(self, source: Path, *, packets: bool = False) -> None:
+        self._source, self._packets = source, packets
         self._columns: tuple[Column, ...] = ()
         self._left = b""
         self._line = 1
@@ -150,7 +152,7 @@ class ImuLines:
 
     def _check_ascending(self, stamps: Stamps, numbers: list[int]) -> None:
         before = np.concatenate([[stamps[0] - 1 if self._last is None else self._last], stamps[:-1]])
-        bad = np.flatnonzero(stamps <= before)
+        bad = np.flatnonzero(stamps < before if self._packets else stamps <= before)
         if bad.size:
             k = int(bad[0])
             raise self._fault(f"the stamp {stamps[k]} ns does not follow {before[k]} ns; expected ascending stamps",

@@ -10,7 +10,8 @@ from kreisel.geometry.rotation import Indices
 from kreisel.recording.recording import DataWarning, ImuSamples, Stamps
 from kreisel.validation.accumulated_readings import with_lost_samples, with_steps_of_one
 from kreisel.validation.interval_readings import squares_left, with_own_intervals
-from kreisel.validation.masking import without_repeats
+from kreisel.validation.masking import part_of, without_repeats
+from kreisel.validation.repeated_rows import new_samples
 from kreisel.validation.sampling import regularly_sampled
 
 _LAG = 16
@@ -54,12 +55,17 @@ def after_repeats(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
 def sampled_rows(imu: ImuSamples) -> SampledRows:
     """Return the samples as a calibration takes them, for each row of a file.
 
-    A row that is the sum over lost samples holds the last of them, and a row that repeats one before holds that.
+    A row that is the sum over lost samples holds the last of them, and a row that repeats one before holds that. The
+    samples of packets that have one stamp are taken at their own moments, if it shows these. Stamps that run backwards,
+    or show none, stay.
     """
     n = imu.stamps_ns.size
-    if n < 2 or np.any(np.diff(imu.stamps_ns) <= 0):
+    if n < 2 or np.any(np.diff(imu.stamps_ns) < 0):
         return SampledRows(imu, np.arange(n), [])
-    found, warnings = as_sampled(imu)
+    new = new_samples(imu)
+    found, warnings = as_sampled(imu if new is None else part_of(imu, new))
+    if np.any(np.diff(found.stamps_ns) <= 0):
+        return SampledRows(imu, np.arange(n), [])
     found, lost = with_lost_samples(found)
     found, repeated = without_repeats(found)
     warnings = warnings + lost + repeated
@@ -72,16 +78,20 @@ def sampled_rows(imu: ImuSamples) -> SampledRows:
     return SampledRows(found, of_row, warnings + scattering)
 
 
+def usual_step(stamps: Stamps) -> float:
+    """Return the interval of two or more stamps, which may come in packets, ns."""
+    lag = min(_LAG, stamps.size - 1)
+    return float(np.median(stamps[lag:] - stamps[:-lag])) / lag
+
+
 def scatter_of(stamps: Stamps) -> tuple[float, float] | None:
     """Return the interval of stamps, and how far their steps are from whole intervals on average, ns.
 
     None where that is so little that derivatives do not scatter.
     """
     steps = np.diff(stamps).astype(np.float64)
-    lag = min(_LAG, steps.size)
-    if lag == 0:
+    if not steps.size or (interval := usual_step(stamps)) <= 0.0:
         return None
-    interval = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
     off = np.abs(steps - np.maximum(np.round(steps / interval), 1.0) * interval)
     scatter = float(off[steps <= max(_LONG * interval, _LONG_NS)].mean())
     return (interval, scatter) if scatter > _SCATTER * interval else None

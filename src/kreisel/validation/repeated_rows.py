@@ -8,7 +8,7 @@ import numpy as np
 
 from kreisel.geometry.rotation import Mask
 from kreisel.recording.location import at, rows
-from kreisel.recording.recording import DataWarning, Recording, Stamps
+from kreisel.recording.recording import DataWarning, ImuSamples, Recording, Stamps
 from kreisel.validation.masking import part_of
 from kreisel.validation.stamp_checks import Rows
 
@@ -20,7 +20,7 @@ def without_repeated(recording: Recording) -> Recording:
     """
     imu, reference, joints = recording.imu, recording.reference, recording.joints
     warnings: list[DataWarning] = []
-    if (kept := _new(imu.stamps_ns, imu.rates, imu.accelerations)) is not None:
+    if (kept := new_samples(imu)) is not None:
         warnings.append(_warning(imu, kept, "samples"))
         imu = part_of(imu, kept)
     if reference is not None:
@@ -34,6 +34,11 @@ def without_repeated(recording: Recording) -> Recording:
     if not warnings:
         return recording
     return replace(recording, imu=imu, reference=reference, joints=joints).with_warnings(*warnings)
+
+
+def new_samples(imu: ImuSamples) -> Mask | None:
+    """Return which samples (n,) are not those before them once more; None if all are."""
+    return _new(imu.stamps_ns, imu.rates, imu.accelerations)
 
 
 def _new(stamps: Stamps, *values: np.ndarray) -> Mask | None:

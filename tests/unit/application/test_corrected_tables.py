@@ -213,6 +213,24 @@ def test_derivatives_are_those_at_the_moments_of_sampling(tmp_path):
     assert np.abs(by_stamps - f).max() > 0.02
 
 
+@pytest.mark.parametrize(("packet", "noted"), [(4, True), (1, False)])
+def test_samples_of_a_packet_with_one_stamp_are_corrected_at_their_own_moments(tmp_path, packet, noted):
+    """Or rows that were written twice are corrected once."""
+    times, phase = STAMPS[0] + 2_500_000 * np.arange(10 * N), np.outer(np.arange(10 * N) * 0.0025, [3.0, 5.0, 7.0])
+    rates, forces = np.sin(phase), np.add(5.0 * np.cos(phase), [0.0, 0.0, 9.8])
+    which = np.arange(times.size) if packet > 1 else np.repeat(np.arange(times.size), 2)
+    stamps = times[which // packet * packet + packet - 1]
+    raw = table(rows=[(s, *w, *a) for s, w, a in zip(stamps, rates[which], forces[which], strict=True)])
+    (tmp_path / "raw.csv").write_bytes(raw)
+    done = apply_to_file(TOOL, tmp_path / "raw.csv", tmp_path / "out.csv")
+    assert ("a straight line" in " ".join(done.warnings)) is noted
+    written, found = numbers((tmp_path / "out.csv").read_bytes())
+    assert written == [str(s) for s in stamps]
+    np.testing.assert_allclose(found, np.hstack(TOOL.correct(rates, forces, times))[which], atol=1e-3)
+    with pytest.raises(RecordingError, match="expected ascending stamps"):  # a stream does not know what comes
+        everything(raw)
+
+
 def test_sums_after_lost_samples_are_corrected_as_one_sample(tmp_path):
     kept = np.delete(np.arange(N), [50, 120, 201, 202, 250])
     rates, forces = RATES[kept].copy(), FORCES[kept].copy()
