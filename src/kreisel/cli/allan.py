@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from kreisel.cli import completion
+from kreisel.cli import options
 
 if TYPE_CHECKING:
     from kreisel.calibration.motion_noise import MotionNoise
@@ -18,15 +18,8 @@ if TYPE_CHECKING:
 
 def allan(
     recording: Path = typer.Argument(..., help="Recording: a folder, a table, an .mcap file, or a ROS bag."),
-    imu: str | None = typer.Option(
-        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
-    ),
-    columns: list[str] = typer.Option(
-        [],
-        "--map",
-        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
-        autocompletion=completion.columns,
-    ),
+    imu: str | None = options.IMU,
+    columns: list[str] = options.COLUMNS,
     in_motion: bool = typer.Option(
         False, "--in-motion", help="Of a recording with poses: what a filter needs in motion, beside the noise at rest."
     ),

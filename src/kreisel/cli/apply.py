@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import typer
 
-from kreisel.cli import completion
+from kreisel.cli import completion, options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,12 +44,7 @@ def apply(
         help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID); with --fuse, all: those on all topics.",
         autocompletion=completion.streams,
     ),
-    columns: list[str] = typer.Option(
-        [],
-        "--map",
-        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
-        autocompletion=completion.columns,
-    ),
+    columns: list[str] = options.COLUMNS,
     topic: str = typer.Option(_TOPIC, help="Topic of corrected readings in the copy of a bag."),
     seconds: float | None = typer.Option(None, min=0.1, help="End after so many seconds; for devices."),
     force: bool = typer.Option(

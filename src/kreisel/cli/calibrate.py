@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from kreisel.cli import completion
+from kreisel.cli import completion, options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,20 +34,9 @@ def calibrate(
         ..., metavar="RECORDING...", help="Recording: a folder, an .mcap file, or a ROS bag; several with --joint."
     ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for the result."),
-    reference: str | None = typer.Option(
-        None, help="Reference: a folder's name, or a topic.", autocompletion=completion.streams
-    ),
-    imu: str | None = typer.Option(
-        None,
-        help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID); all: those on all topics, as one tray.",
-        autocompletion=completion.streams,
-    ),
-    columns: list[str] = typer.Option(
-        [],
-        "--map",
-        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
-        autocompletion=completion.columns,
-    ),
+    reference: str | None = options.REFERENCE,
+    imu: str | None = options.ONE_OR_ALL_IMUS,
+    columns: list[str] = options.COLUMNS,
     method: str = typer.Option(
         "dynamic",
         help="dynamic, or static: the older method, by standstills at poses alone (no lever arms).",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from kreisel.cli import completion
+from kreisel.cli import options
 
 
 def convert(
@@ -16,20 +16,9 @@ def convert(
         help="What to write: a new folder, an .mcap file, or a .tum file of only the poses. "
         "For a trace, a recording folder.",
     ),
-    reference: str | None = typer.Option(
-        None, help="Reference: a folder's name, or a topic.", autocompletion=completion.streams
-    ),
-    imu: str | None = typer.Option(
-        None,
-        help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID); all: those on all topics, as one tray.",
-        autocompletion=completion.streams,
-    ),
-    columns: list[str] = typer.Option(
-        [],
-        "--map",
-        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
-        autocompletion=completion.columns,
-    ),
+    reference: str | None = options.REFERENCE,
+    imu: str | None = options.ONE_OR_ALL_IMUS,
+    columns: list[str] = options.COLUMNS,
 ) -> None:
     """Convert a recording: any kind kreisel reads to a folder of CSV, an MCAP file or a TUM trajectory.
 

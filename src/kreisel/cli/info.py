@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from kreisel.cli import completion
+from kreisel.cli import options
 from kreisel.units import MG
 
 if TYPE_CHECKING:
@@ -16,20 +16,9 @@ if TYPE_CHECKING:
 
 def info(
     recording: Path = typer.Argument(..., help="Recording: a folder, an .mcap file, or a ROS bag."),
-    reference: str | None = typer.Option(
-        None, help="Reference: a folder's name, or a topic.", autocompletion=completion.streams
-    ),
-    imu: str | None = typer.Option(
-        None,
-        help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID); all: those on all topics, as one tray.",
-        autocompletion=completion.streams,
-    ),
-    columns: list[str] = typer.Option(
-        [],
-        "--map",
-        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
-        autocompletion=completion.columns,
-    ),
+    reference: str | None = options.REFERENCE,
+    imu: str | None = options.ONE_OR_ALL_IMUS,
+    columns: list[str] = options.COLUMNS,
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Print the contents of a recording: rates, jitter, gaps, excitation, standstills, warnings."""

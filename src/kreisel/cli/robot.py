@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from kreisel.cli import completion
+from kreisel.cli import completion, options
 
 if TYPE_CHECKING:
     from kreisel.calibration.arm_result import ArmCalibration
@@ -19,18 +19,9 @@ def robot(
         ..., metavar="RECORDING...", help="Recordings with joint angles and robot.urdf; several are taken together."
     ),
     output: Path | None = typer.Option(None, "-o", "--output", help="Folder for the result."),
-    reference: str | None = typer.Option(
-        None, help="Reference: a folder's name, or a topic.", autocompletion=completion.streams
-    ),
-    imu: str | None = typer.Option(
-        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
-    ),
-    columns: list[str] = typer.Option(
-        [],
-        "--map",
-        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
-        autocompletion=completion.columns,
-    ),
+    reference: str | None = options.REFERENCE,
+    imu: str | None = options.IMU,
+    columns: list[str] = options.COLUMNS,
     estimate: list[str] = typer.Option(
         [],
         help="Group to estimate whether or not the data show it, e.g. robot_gears; may be repeated.",

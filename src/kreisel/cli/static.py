@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from kreisel.cli import completion
+from kreisel.cli import completion, options
 from kreisel.cli.watch import PORT
 
 if TYPE_CHECKING:
@@ -45,15 +45,8 @@ def static(
         help="gyroscope or accelerometer: the verdict is for this sensor.",
         autocompletion=completion.one_of(completion.SENSORS),
     ),
-    imu: str | None = typer.Option(
-        None, help="IMU: a folder's name, or a topic (TOPIC@FRAME_ID).", autocompletion=completion.streams
-    ),
-    columns: list[str] = typer.Option(
-        [],
-        "--map",
-        help="Columns of a table of another shape, 'imu.time=t [ms]'; may be repeated.",
-        autocompletion=completion.columns,
-    ),
+    imu: str | None = options.IMU,
+    columns: list[str] = options.COLUMNS,
     live: str | None = typer.Option(
         None,
         help="Address of an IMU, such as csv://192.168.1.30:4000: record it, and say what to do next.",
