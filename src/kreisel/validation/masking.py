@@ -48,6 +48,16 @@ _SPIKE = 30.0
 samples and make the usual steps larger; a step is a small part of a reading, and spikes of the virtual cell are ten
 usual readings high."""
 
+_WHOLE_STEP = "a step over the whole range"
+
+_ENDS = 0.1
+"""Share of a step by which its middle lies beside zero, or one of its ends does, where it is one over the range.
+Chosen: what a reading moves by in a sample is less."""
+
+_BROKEN, _BROKEN_NS = 4, 40e6
+"""Samples that a spike lasts at most, and ns. Chosen: as many as a broken packet holds; what lasts longer may be a
+motion."""
+
 _OVERLAP = 512
 """Samples of the chunk before that are looked at again. Chosen: more than the 200 beside a stay that decide about
 it."""
@@ -93,25 +103,40 @@ class _Chunk:
 
     @cached_property
     def large_steps(self) -> tuple[Array, Mask, Mask]:
-        """Usual steps of all channels, which steps are far larger, and which of these come back at once."""
-        values, steps = self.values, self.steps
+        """Usual steps of all channels, which steps are far larger, and which samples (n, 6) are spikes between two."""
+        steps = self.steps
         many = _usual(steps, 75.0)
         highest = steps.max(axis=0)
         if not (highest > _SPIKE * many).any():
-            return many, np.zeros(steps.shape, dtype=bool), np.zeros((len(steps) - 1, steps.shape[1]), dtype=bool)
-        height = np.minimum(steps[1:], steps[:-1])
-        back = np.abs(values[2:] - values[:-2]) < 0.3 * height
+            return many, np.zeros(steps.shape, dtype=bool), np.zeros(self.values.shape, dtype=bool)
         # spikes themselves must not decide what is usual
-        doubtful = np.zeros(steps.shape, dtype=bool)
-        doubtful[1:] = back & (height > _SPIKE * many)
-        doubtful[:-1] |= doubtful[1:]
-        usual = _usual(np.where(doubtful, 0.0, steps), 99.0)
+        spikes = self._excursions(steps > _SPIKE * many)
+        usual = _usual(np.where(spikes[1:] | spikes[:-1], 0.0, steps), 99.0)
         limit = _SPIKE * usual
         large = (steps > limit) & (limit > 0.0)
         if large.any():
             dt = np.diff(self.stamps_ns)
             large &= (dt < 1.6 * float(np.median(dt)))[:, None]
-        return usual, large, large[1:] & large[:-1] & back
+        return usual, large, self._excursions(large)
+
+    def _excursions(self, large: Mask) -> Mask:
+        """Return which samples (n, 6) lie between a large step and one back.
+
+        That is the next one, or one a few samples later with even readings on both sides: a knock rings.
+        """
+        values, steps = self.values, self.steps
+        beside = np.pad(large, ((1, 1), (0, 0)))
+        out = np.zeros(values.shape, dtype=bool)
+        step = max(float(np.median(np.diff(self.stamps_ns))), 1.0)
+        for length in range(1, 1 + max(1, min(_BROKEN, int(_BROKEN_NS / step)))):
+            k, channel = np.nonzero(large[:-length] & large[length:])
+            height = np.minimum(steps[k, channel], steps[k + length, channel])
+            back = np.abs(values[k + length + 1, channel] - values[k, channel]) < 0.3 * height
+            if length > 1:
+                back &= ~beside[k, channel] & ~beside[k + length + 2, channel]
+            for place in range(1, length + 1):
+                out[k[back] + place, channel[back]] = True
+        return out
 
     @cached_property
     def stays(self) -> tuple[tuple[str, float, slice, str], ...]:
@@ -217,6 +242,8 @@ def without_faults(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[Da
     kinds = [
         saturated,
         _Found(_wrapped, "the reading exceeded its range and wrapped round: choose a larger range",
+               np.zeros(n, dtype=bool), most=0.0),
+        _Found(_disturbed, f"{delete}, and check the connection: these are no readings of a motion",
                np.zeros(n, dtype=bool), most=0.0),
         _Found(_spikes, delete, np.zeros(n, dtype=bool)),
         _Found(_frozen, f"{delete}, and check whether the driver stalled", np.zeros(n, dtype=bool)),
@@ -393,22 +420,40 @@ def _saturated(chunk: _Chunk) -> Iterator[_Fault]:
 
 
 def _spikes(chunk: _Chunk) -> Iterator[_Fault]:
-    """Yield spikes of one sample."""
+    """Yield spikes of a few samples."""
     usual, _, spikes = chunk.large_steps
-    yield from _steps(chunk, spikes, usual, "a spike")
+    yield from _steps(chunk, spikes[1:], usual, "a spike")
 
 
 def _wrapped(chunk: _Chunk) -> Iterator[_Fault]:
     """Yield channels that overflow their range and wrap round."""
-    usual, large, spikes = chunk.large_steps
+    yield from _steps(chunk, _whole_steps(chunk)[0], chunk.large_steps[0], _WHOLE_STEP)
+
+
+def _disturbed(chunk: _Chunk) -> Iterator[_Fault]:
+    """Yield channels that jump to and fro for more samples than a spike has."""
+    yield from _steps(chunk, _whole_steps(chunk)[1], chunk.large_steps[0], _WHOLE_STEP)
+
+
+def _whole_steps(chunk: _Chunk) -> tuple[Mask, Mask]:
+    """Return the steps over the whole range, (n - 1, 6): those of readings that wrap round, and others.
+
+    Readings wrap round between the ends of a range that is symmetric, or begins at zero, and go on evenly.
+    """
+    _, large, spikes = chunk.large_steps
+    none = np.zeros(large.shape, dtype=bool)
     if not large.any():
-        return
-    wraps = large & (chunk.steps > 0.9 * np.ptp(chunk.values, axis=0))
-    if wraps.any():
-        wraps[-1] &= chunk.last  # the next chunk shows whether it comes back
-        wraps[:-1] &= ~spikes
-        wraps[1:] &= ~spikes
-        yield from _steps(chunk, wraps, usual, "a step over the whole range")
+        return none, none
+    values = chunk.values
+    found = large & (chunk.steps > 0.9 * np.ptp(values, axis=0))
+    found &= ~spikes[:-1] & ~spikes[1:]
+    found[-1] &= chunk.last  # the next chunk shows whether it comes back
+    between = values[1:] + values[:-1]
+    ends = (np.abs(between) < _ENDS * chunk.steps) | (np.abs(np.abs(between) - chunk.steps) < _ENDS * chunk.steps)
+    even = np.ones(large.shape, dtype=bool)
+    even[1:] &= ~large[:-1]
+    even[:-1] &= ~large[1:]
+    return found & ends & even, found & ~(ends & even)
 
 
 def _steps(chunk: _Chunk, found: Mask, usual: Array, kind: str) -> Iterator[_Fault]:

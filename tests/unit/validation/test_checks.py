@@ -142,6 +142,26 @@ def test_exact_rests_of_a_robot_are_no_frozen_poses() -> None:
     assert got.reference.stamps_ns.size == r.reference.stamps_ns.size
 
 
+@pytest.mark.parametrize(("broken", "samples", "said"), [
+    (lambda size: np.full(size, 300.0), 3, ""),
+    (lambda size: 300.0 * (-1.0) ** np.arange(size), 2, ""),
+    (lambda size: 300.0 + np.arange(size), 12, "these are no readings of a motion"),
+])  # fmt: skip
+def test_broken_packets_are_left_out_and_are_not_taken_for_readings_that_wrap_round(broken, samples, said) -> None:
+    r = recording(noise=2e-4)
+    forces = r.imu.accelerations.copy()
+    places = [700, 1400, 2100]
+    for k in places:
+        forces[k : k + samples, 0] = broken(samples)
+    if said:
+        assert said in message(with_imu(r, accelerations=forces))
+        return
+    got = check_streams(with_imu(r, accelerations=forces))
+    left_out = np.concatenate([k + np.arange(samples) for k in places])
+    np.testing.assert_array_equal(got.imu.stamps_ns, np.delete(r.imu.stamps_ns, left_out))
+    assert [w.subject for w in got.warnings] == ["masked"]
+
+
 def test_a_knock_that_rings_is_no_spike() -> None:
     r = recording()
     t = r.imu.seconds - 7.0
