@@ -449,7 +449,7 @@ def _whole_steps(chunk: _Chunk) -> tuple[Mask, Mask]:
     found &= ~spikes[:-1] & ~spikes[1:]
     found[-1] &= chunk.last  # the next chunk shows whether it comes back
     between = values[1:] + values[:-1]
-    ends = (np.abs(between) < _ENDS * chunk.steps) | (np.abs(np.abs(between) - chunk.steps) < _ENDS * chunk.steps)
+    ends = np.abs(np.where(values.min(axis=0) < 0.0, between, between - chunk.steps)) < _ENDS * chunk.steps
     even = np.ones(large.shape, dtype=bool)
     even[1:] &= ~large[:-1]
     even[:-1] &= ~large[1:]
