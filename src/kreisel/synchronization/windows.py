@@ -20,7 +20,7 @@ from kreisel.synchronization.clock import Clock
 HALF_WINDOW = 0.25
 """Half the length of a second difference, s."""
 
-_SMOOTHED = 0.1  # s over which positions are averaged; chosen: less than half of the shortest window's half
+_SMOOTHED = 0.1  # s over which positions are smoothed; chosen: less than half of the shortest window's half
 _NEAR_GAP = 1.0  # s; the attitude is smoothed over a second (`preparation.attitude`)
 
 
@@ -49,9 +49,9 @@ class Windows:
     @classmethod
     def over(cls, signal: InertialSignal, clock: Clock, tau: Array, shortest: float = HALF_WINDOW) -> Windows:
         """Return windows that lie inside both recordings."""
-        half = _half(tau, shortest)
-        low = max(tau[0] + half, float(clock.reference_time(signal.stamps[1])) + half)
-        high = min(tau[-1] - half, float(clock.reference_time(signal.stamps[-2])) - half)
+        half, edge = _half(tau, shortest), _Smoothing.of(tau).outer
+        low = max(tau[min(edge, tau.size - 1)], float(clock.reference_time(signal.stamps[1]))) + half
+        high = min(tau[max(tau.size - 1 - edge, 0)], float(clock.reference_time(signal.stamps[-2]))) - half
         middle = np.arange(low, high, 0.4 * half)
         if half > shortest:  # between poses far apart, positions on straight lines have less curvature than the motion
             middle = np.unique(tau[nearest(tau, middle)])
@@ -63,8 +63,7 @@ class Windows:
 
     def second_difference(self, p: Array) -> Array:
         """Second difference of positions, smoothed over the poses near each end, (windows, 3)."""
-        width = _smoothed(self.reference)
-        smooth = running_mean(p, width) if width > 1 else p
+        smooth = _Smoothing.of(self.reference).applied(p)
         a, b, c = (interpolate_columns(s, self.reference, smooth) for s in self.tau)
         return np.asarray((a - 2.0 * b + c) / self.half**2)
 
@@ -95,18 +94,52 @@ class Windows:
 
 def variance_by_noise(tau: Array, sd: float) -> float:
     """Return the variance that white noise of positions at times tau (m,) adds to a second difference, m^2/s^4."""
-    return 6.0 * sd**2 / (_smoothed(tau) * _half(tau, HALF_WINDOW) ** 4)
+    return 6.0 * sd**2 * _Smoothing.of(tau).variance / _half(tau, HALF_WINDOW) ** 4
+
+
+@dataclass(frozen=True)
+class _Smoothing:
+    """Means over poses on both sides, with weights that leave parabolas as they are.
+
+    A mean over W seconds makes a motion of frequency f smaller by (pi f W)^2 / 6: 6 % of one of 2 Hz over 0.1 s.
+
+    Attributes
+    ----------
+    inner, outer
+        Poses on either side of a shorter and a longer mean.
+    share
+        How much of their difference is added to the shorter one.
+    """
+
+    inner: int
+    outer: int
+    share: float
+
+    @classmethod
+    def of(cls, tau: Array) -> _Smoothing:
+        """Return the smoothing of poses at times (m,); none where they are too far apart."""
+        outer = round(0.5 * _SMOOTHED / float(np.median(np.diff(tau))))
+        inner = outer // 2
+        squares = [(2.0 * half + 1.0) ** 2 - 1.0 for half in (inner, outer)]
+        return cls(inner, outer, squares[0] / (squares[1] - squares[0])) if inner else cls(0, 0, 0.0)
+
+    def applied(self, p: Array) -> Array:
+        """Return positions (m, 3) smoothed; those at the ends of the recording are not."""
+        if not self.outer:
+            return p
+        short, long = (running_mean(p, 2 * half) for half in (self.inner, self.outer))
+        return short + self.share * (short - long)
+
+    @property
+    def variance(self) -> float:
+        """Variance of white noise after it, over that before it."""
+        short, long = (1.0 / (2.0 * half + 1.0) for half in (self.inner, self.outer))
+        return (1.0 + self.share) ** 2 * short - self.share * (2.0 + self.share) * long
 
 
 def _half(tau: Array, shortest: float) -> float:
     """Return half the length of windows, s: three poses or more."""
     return max(shortest, 3.0 * float(np.median(np.diff(tau))))
-
-
-def _smoothed(tau: Array) -> int:
-    """Return the number of poses over which positions are averaged; 1 where these are too far apart."""
-    width = round(_SMOOTHED / float(np.median(np.diff(tau))))
-    return width if width > 2 else 1
 
 
 def _without_gaps(signal: InertialSignal, clock: Clock, tau: Array, middle: Array, half: float) -> Mask:
