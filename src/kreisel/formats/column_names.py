@@ -242,9 +242,12 @@ def groups_of(sheet: int, names: Sequence[str], units: Sequence[str | None], usa
     """Return the groups of a table's columns: triads, quaternions and matrices that names show."""
     found: dict[tuple[str, tuple[str, ...]], dict[str, int]] = {}
     said = [read_name(name) for name in names]
+    alike: dict[tuple[str, tuple[str, ...]], list[tuple[str, int]]] = {}
     for k, name in enumerate(said):
         if usable[k] and name.axis and name.quantity not in ("", "time", "counter", "other"):
-            found.setdefault((name.quantity, name.owner), {}).setdefault(name.axis, k)
+            alike.setdefault((name.quantity, name.owner), []).append((name.axis, k))
+    for (quantity, owner), columns in alike.items():
+        found |= {(quantity, own): members for own, members in _told_apart(quantity, owner, columns, names).items()}
     turned = {owner for quantity, owner in found if quantity in ("quaternion", "orientation", "angle", "matrix")}
     for k, name in enumerate(said):  # hand_x beside hand_qw
         if usable[k] and name.quantity == "" and name.axis in ("x", "y", "z") and name.owner in turned:
@@ -257,6 +260,21 @@ def groups_of(sheet: int, names: Sequence[str], units: Sequence[str | None], usa
             unit = next(iter(stated)) if len(stated) == 1 else next(iter(sorted(map(str, stated - {None}))), None)
             out.append(Group(sheet, places, meant, "".join(a if len(a) == 1 else "" for a in axes), owner, unit))
     return out
+
+
+def _told_apart(
+    quantity: str, owner: tuple[str, ...], columns: list[tuple[str, int]], names: Sequence[str]
+) -> dict[tuple[str, ...], dict[str, int]]:
+    """Return columns by owner and axis: where an axis stands there twice, by what else differs, as gyro_x and gx."""
+    members = dict(reversed(columns))
+    if len(members) == len(columns):
+        return {owner: members}
+    by_stem: dict[str, dict[str, int]] = {}
+    for axis, k in columns:
+        before, _, after = names[k].lower().rpartition(axis.lower())
+        by_stem.setdefault(f"{before}?{after}", {}).setdefault(axis, k)
+    whole = {(*owner, stem): own for stem, own in by_stem.items() if _complete(quantity, set(own))}
+    return whole if len(whole) > 1 else {owner: members}
 
 
 def _complete(quantity: str, axes: set[str]) -> list[tuple[str, tuple[str, ...]]]:

@@ -116,8 +116,14 @@ def unknown_columns(
 
 
 def _of_line(error: RecordingError) -> str:
-    """Return what an error says, with its line."""
-    return error.message if error.line is None else f"line {error.line}: {error.message}"
+    """Return what an error says, with its file and line."""
+    name = "" if error.file is None or not Path(error.file).is_file() else f"{Path(error.file).name}: "
+    return f"{name}{error.message}" if error.line is None else f"{name}line {error.line}: {error.message}"
+
+
+def _size(error: RecordingError) -> int:
+    """Return the size of the file that an error is about: recordings are larger than notes."""
+    return 0 if error.file is None else Path(error.file).stat().st_size
 
 
 def _with_entries(text: str, given: ColumnsTable | None) -> str:
@@ -155,7 +161,7 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
         If no readings of an IMU are found.
     """
     say = progress or _unheard
-    sheets = _readable(path, say)
+    sheets, unread = _readable(path, say)
     say("find columns", 0.0)
     groups = tables.all_groups(sheets)
     devices = tables.devices(sheets, groups)
@@ -163,6 +169,8 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
         separate = mapping_of_separate_files(sheets)
         if separate is not None:
             return "\n".join(separate)
+        if unread:
+            raise max(unread, key=_size)
         raise RecordingError(
             "no three columns are accelerations by name or by the length of gravity, with rates beside", file=path
         )
@@ -174,6 +182,11 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
     best = [_with_positions(sheets, groups, one, notes) for one in best]
     against = _contradictions(best)
     notes += against + _own_estimates(best)
+    unknown = _unknown_units(best)
+    notes += [
+        f"[{unit}] is no unit of {quantity} that is known; what stands below is a guess" for quantity, unit in unknown
+    ]
+    notes += [_of_line(error) for error in sorted(unread, key=_size, reverse=True)]
     if not any(one.attitude for one in best):
         notes.append("no orientations were found: if there are poses, name their columns")
     options = [option for one in best for option in _options(sheets, one)]
@@ -182,6 +195,7 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
         comment += options[0].why
     lines = [comment, *(f"# {note}" for note in dict.fromkeys(notes))]
     hidden = {"rate", "acceleration"} if against else set()
+    hidden |= {quantity for quantity, _ in unknown}
     if any(one.attitude is not None and one.fit.explained < CONFIRMED for one in best):
         hidden |= {"time"} if any(_guessed(option.imu.get("time", "")) for option in options) else set()
     lines += _tables(options, hidden)
@@ -194,25 +208,26 @@ def _unheard(step: str, share: float) -> None:
     """Take progress that nobody asked for."""
 
 
-def _readable(path: Path, progress: Progress) -> list[Sheet]:
-    """Return the tables that can be read; others may lie beside them.
+def _readable(path: Path, progress: Progress) -> tuple[list[Sheet], list[RecordingError]]:
+    """Return the tables that can be read, and why others beside them cannot.
 
     Raises
     ------
     RecordingError
         If none can be read.
     """
-    found, first = [], None
+    found: list[Sheet] = []
+    errors: list[RecordingError] = []
     files = tables_in(path)
     for k, file in enumerate(files):
         progress("read tables", k / len(files))
         try:
             found.append(read_sheet(file))
         except RecordingError as error:
-            first = first or error
-    if first is not None and not found:
-        raise first
-    return found
+            errors.append(error)
+    if errors and not found:
+        raise errors[0]
+    return found, errors
 
 
 # ---- trying
@@ -324,7 +339,8 @@ def _chosen(sheets: list[Sheet], tries: list[_Try]) -> tuple[list[_Try], list[st
     most = max(one.fit.explained for one in tries)
     if most < CONFIRMED:
         return _unconfirmed(tries, most)
-    good = [one for one in tries if one.fit.explained > most - _CLEARLY]
+    # the device's own estimate follows its gyros better than any reference does
+    good = [one for one in tries if one.fit.explained > (CONFIRMED if _by_name(one) else most - _CLEARLY)]
     good = [one for group in _by_columns(good) for one in _best_reading(group)]
     notes = []
     likely = [one for one in good if one.attitude is not None and one.attitude.likely]
@@ -336,7 +352,15 @@ def _chosen(sheets: list[Sheet], tries: list[_Try]) -> tuple[list[_Try], list[st
         others = [_listed(sheets, group) for group in followers if group not in preferred]
         notes.append(f"{'; '.join(others)} follow the motion, too: an estimate of the device itself is no reference")
         good = [one for one in good if one.attitude is not None and one.attitude.group in preferred]
+    elif len(followers) > 1:
+        listed = "; ".join(_listed(sheets, group) for group in followers)
+        notes.append(f"{listed} follow the motion alike: an estimate of the device itself is no reference")
     return good, notes
+
+
+def _by_name(one: _Try) -> bool:
+    """Return whether names say what the columns are, and how they are read."""
+    return one.device.named and one.attitude is not None and one.attitude.likely and one.attitude.group.named
 
 
 def _contradictions(best: list[_Try]) -> list[str]:
@@ -350,6 +374,13 @@ def _contradictions(best: list[_Try]) -> list[str]:
         out.append("names and motion contradict each other: gravity does not stand still where the accelerations are "
                    "turned as the rates and orientations say; are their axes in another order")  # fmt: skip
     return out
+
+
+def _unknown_units(best: list[_Try]) -> list[tuple[str, str]]:
+    """Return quantities of the IMU and their units as the header states them, where these are none that are known."""
+    stated = [(q, group.unit) for one in best
+              for q, group in (("rate", one.device.rate), ("acceleration", one.device.force))]  # fmt: skip
+    return list(dict.fromkeys((q, unit) for q, unit in stated if unit and known_unit(unit, q) is None))
 
 
 def _own_estimates(best: list[_Try]) -> list[str]:
@@ -450,6 +481,8 @@ def _options(sheets: list[Sheet], one: _Try) -> list[_Option]:
     for time in one.times or ("",):
         for unit in _rate_units(one, work.samples(one.device, time) if time else None, sheet):
             for force_unit in _force_units(one.device):
+                if (unit, force_unit) == ("mdps", "cm/s^2"):  # thousandths go with thousandths
+                    continue
                 imu = {"file": sheet.source.name}
                 imu |= {"time": time} if time else {}
                 imu["rate"] = text_of(sheet, one.device.rate.places, "rate", unit)

@@ -17,7 +17,10 @@ from kreisel.geometry.rotation import Array, lengths
 from kreisel.recording.header import UNITS
 from kreisel.units import DEG, STANDARD_GRAVITY
 
-_GRAVITY_UNITS = ("m/s^2", "g", "mg")
+_GRAVITY_UNITS = ("m/s^2", "g", "mg", "cm/s^2")
+_NOT_IN_GAL = 990.0
+"""Gravity above which numbers without a unit are in mg, and below which they may be in cm/s^2, of which it is 981."""
+
 _NAMED, _UNNAMED = (0.75, 1.35), (0.9, 1.15)
 """Median lengths of accelerations in g, of columns that are named so, and of others."""
 
@@ -149,7 +152,7 @@ def _shared(owner: tuple[str, ...], other: tuple[str, ...]) -> float:
 
 
 def gravity_units(sheets: Sequence[Sheet], group: Group, limits: tuple[float, float]) -> list[str]:
-    """Return the unit in which three columns usually have the length of gravity; none where they do not."""
+    """Return the units in which three columns usually have the length of gravity, the one that is stated alone."""
     values = numbers(sheets[group.sheet], group.places)
     values = values[np.isfinite(values).all(axis=1)]
     length = lengths(values)
@@ -159,6 +162,11 @@ def gravity_units(sheets: Sequence[Sheet], group: Group, limits: tuple[float, fl
     fits = [unit for unit in _GRAVITY_UNITS
             if limits[0] < usual * UNITS["acceleration"][unit] / STANDARD_GRAVITY < limits[1]]  # fmt: skip
     spread = float(np.percentile(np.abs(length / max(usual, 1e-30) - 1.0), 50))
+    stated = known_unit(group.unit, "acceleration")
+    size = 0.0 if stated is None else UNITS["acceleration"][stated]
+    fits = [unit for unit in fits if UNITS["acceleration"][unit] == size] or fits
+    if "mg" in fits and usual > _NOT_IN_GAL:
+        fits = [unit for unit in fits if unit != "cm/s^2"]
     return fits if spread < 0.3 else []
 
 

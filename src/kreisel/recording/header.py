@@ -15,9 +15,10 @@ UNITS: dict[str, dict[str, float]] = {
     },
     "acceleration": {
         "m s^-2": 1.0, "m/s^2": 1.0, "m/s2": 1.0, "ms^-2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY,
+        "cm/s^2": 1e-2, "cm/s2": 1e-2, "mm/s^2": 1e-3, "mm/s2": 1e-3, "ft/s^2": 0.3048, "ft/s2": 0.3048,
         "counts": 1.0, "LSB": 1.0,
     },
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048},
     "quaternion": {"": 1.0, "-": 1.0, "1": 1.0},
     "angle": {"rad": 1.0, "deg": DEG},
     "temperature": {"degC": 1.0, "deg C": 1.0, "°C": 1.0, "C": 1.0, "K": 1.0},
@@ -29,6 +30,7 @@ COUNTED = ("counts", "LSB")
 """Units of raw converter readings."""
 
 
+_INDEX = re.compile(r"\S\[\s*\d+\s*(,\s*\d+\s*)?\]\s*$")
 _NAME_AND_UNIT = re.compile(r"^(.*?)\s*(\[[^\[\]]*\]|\([^()]*\))\s*$")
 _LIKE_A_UNIT = re.compile(r"deg|rad|dps|sec|/|hz|°|^m?g$|^[munµ]?s$|^[cm]?m$", re.IGNORECASE)
 
@@ -41,10 +43,10 @@ def plain_unit(text: str) -> str:
 def split_unit(text: str) -> tuple[str, str | None]:
     """Return name and unit of 'name [unit]' or 'name (unit)'; the unit is None where there is none.
 
-    What is in parentheses belongs to the name if it does not look like a unit.
+    What is in parentheses belongs to the name if it does not look like a unit, and so does an index, as in q[0].
     """
     match = _NAME_AND_UNIT.match(text)
-    if match is None:
+    if match is None or _INDEX.search(text):
         return text.strip(), None
     unit = plain_unit(match.group(2)[1:-1])
     known = any(unit in units for units in UNITS.values())

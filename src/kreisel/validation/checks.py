@@ -11,6 +11,7 @@ from dataclasses import replace
 from kreisel.recording.digest import digest
 from kreisel.recording.recording import Recording
 from kreisel.validation.accumulated_readings import with_lost_samples
+from kreisel.validation.alternating_rows import check_alternating
 from kreisel.validation.as_sampled import after_repeats, as_sampled
 from kreisel.validation.empty_rows import without_missing
 from kreisel.validation.filled_rows import without_filled
@@ -62,6 +63,7 @@ def check_streams(recording: Recording, *, moved: bool | None = None) -> Recordi
     imu, accumulated = with_lost_samples(imu)
     warnings = filled + sampling + accumulated + gap_warnings(imu, LONG_GAP)
     check_written(imu)
+    check_alternating(imu)
     imu, found = check_imu(imu, moved=moved)
     warnings += found
     if any(warning.subject == "repeats" for warning in found):

@@ -165,3 +165,67 @@ def test_names(name: str, quantity: str, axis: str, owner: tuple[str, ...], unit
     found = read_name(name)
     assert (found.quantity, found.axis, found.unit) == (quantity, axis, unit)
     assert found.owner == owner
+
+
+def log(folder: Path, columns: dict[str, np.ndarray]) -> Path:
+    (folder / "log.csv").write_text(text(columns))
+    return folder / "log.csv"
+
+
+def test_two_devices_under_other_names_are_a_choice(tmp_path):
+    """Rates of one had been taken with accelerations of the other."""
+    t, w, f, p, q = common(recorded()[1])
+    columns = {"time": t} | triad("gyro_{}", w) | triad("g{}", w + 0.02) | triad("a{}", f) | triad("acc_{}", f + 0.3)
+    columns |= triad("tcp_p{}", p) | {f"tcp_q{c}": x for c, x in zip("wxyz", q.T, strict=True)}
+    found = proposal(log(tmp_path, columns))
+    assert 'rate = "' not in re.sub("(?m)^#.*", "", found)
+    assert {"gyro_x, gyro_y, gyro_z", "gx, gy, gz"} <= set(re.findall(r'# rate = "(.*?) \[', found))
+
+
+def test_the_devices_own_orientations_are_a_choice_whatever_stands_first(tmp_path):
+    t, w, f, p, q = common(recorded()[1])
+    columns = {"time": t} | triad("g{}", w) | triad("a{}", f) | {f"quat_{c}": q[:, k] for k, c in enumerate("wxyz")}
+    columns |= triad("{}", p) | {f"q{c}": q[:, k] for k, c in enumerate("wxyz")}
+    found = proposal(log(tmp_path, columns))
+    assert "an estimate of the device itself is no reference" in found
+    assert {"quat_w, quat_x, quat_y, quat_z", "qw, qx, qy, qz"} == set(
+        re.findall(r'# orientation = "quaternion wxyz: (.*?)"', found)
+    )
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "line"),
+    [
+        ("[cm/s^2]", 100.0, r'(?m)^acceleration = "ax, ay, az"$'),
+        ("[furlong/s^2]", 1.0, r'(?m)^# acceleration = "ax, ay, az \[m/s\^2\]"$'),
+        ("", 100.0, r'(?m)^# acceleration = "ax, ay, az \[cm/s\^2\]"$'),
+    ],
+)
+def test_a_stated_unit_is_used_or_named(tmp_path, unit, size, line):
+    t, w, f, p, q = common(recorded()[1])
+    columns = {"t [s]": t} | {f"g{c} [rad/s]": w[:, k] for k, c in enumerate("xyz")}
+    columns |= {f"a{c} {unit}".strip(): size * f[:, k] for k, c in enumerate("xyz")}
+    columns |= triad("tcp_p{}", p) | {f"tcp_q{c}": x for c, x in zip("wxyz", q.T, strict=True)}
+    found = proposal(log(tmp_path, columns))
+    assert re.search(line, found)
+    assert ("is no unit of acceleration that is known" in found) is ("furlong" in unit)
+
+
+def test_an_index_in_brackets_is_no_unit(tmp_path):
+    r = recorded()[1]
+    t, w, f, p, q = common(r)
+    columns = {"timestamp": t} | {f"gyro_rad[{k}]": w[:, k] for k in range(3)}
+    columns |= {f"accelerometer_m_s2[{k}]": f[:, k] for k in range(3)}
+    columns |= {f"position[{k}]": p[:, k] for k in range(3)} | {f"q[{k}]": q[:, k] for k in range(4)}
+    path = log(tmp_path, columns)
+    assert_right(read_by(proposal(path), path), shared=True)
+
+
+def test_a_table_that_cannot_be_read_beside_another_is_named(tmp_path):
+    t, w, f, _, _ = common(recorded()[1])
+    log(tmp_path, {"time": t} | triad("g{}", w) | triad("a{}", f))
+    (tmp_path / "take.csv").write_text("Format Version,1.23\ntime,X,Y,Z\n0.0,1.0,2.0,3.0,\n")
+    assert "# take.csv: rows do not have the same number of columns" in proposal(tmp_path)
+    (tmp_path / "log.csv").write_text((tmp_path / "log.csv").read_text() + "end of log\n")
+    with pytest.raises(RecordingError, match="cells, expected"):
+        proposal(tmp_path)
