@@ -17,7 +17,8 @@ from kreisel.array.clock_refinement import refined_clock
 from kreisel.array.left_out import in_words, reason_of
 from kreisel.array.lower_rate import smoothed, window_for
 from kreisel.array.mean_imu import MIN_EXPLAINED
-from kreisel.array.resampled import Resampled, clipped_samples, resampled, white_noise
+from kreisel.array.odd_unit import OddUnit, odd_unit
+from kreisel.array.resampled import Resampled, clipped_samples, resampled, silenced_samples, white_noise
 from kreisel.array.rest_density import Standstills, standstills
 from kreisel.array.sudden_change import SuddenChange, sudden_change
 from kreisel.array.unit_clock import clock_of
@@ -30,10 +31,14 @@ from kreisel.inertial.slopes import LONGEST_GAP, REACH, local_cubics, usual_inte
 from kreisel.progress import StepProgress
 from kreisel.recording.recording import ImuSamples, Stamps
 from kreisel.synchronization.clock import Clock
+from kreisel.validation.masking import without_spikes
 
 MAX_TURNED = 0.02
 """Share of the rates by which a unit may differ from the base in proportion to them. Chosen: scale factors of the
 cheapest gyros change by less after a calibration, and a mount is turned by more before it is seen, 1.1 degrees."""
+
+_LEAST = 0.2
+"""Noise at standstills over that by third differences, at least. Chosen: noise with memory has a third."""
 
 SENSORS = ("gyro", "accel")
 
@@ -49,7 +54,9 @@ class UnitReadings:
     calibration
         By which they were corrected.
     doubtful : (n,)
-        Samples that are clipped, or near clipped ones.
+        Samples that are clipped or spikes, or near such ones.
+    silenced : (n,)
+        Samples whose rates the device set to zero because they were small, or near such ones.
     noise : (2,)
         Noise density of gyros and accelerometers by third differences, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz), rms.
     """
@@ -58,6 +65,7 @@ class UnitReadings:
     imu: ImuSamples
     calibration: Calibration
     doubtful: Mask
+    silenced: Mask
     noise: Array
 
     @classmethod
@@ -71,18 +79,22 @@ class UnitReadings:
         """
         there = replace(calibration, sensors=replace(calibration.sensors, lever_arms=np.zeros((3, 3))))
         omega, f = there.correct(raw.rates, raw.accelerations, raw.stamps_ns, raw.temperature)
+        left, _ = without_spikes(raw)
         clipped = clipped_samples(raw.rates) | clipped_samples(raw.accelerations)
+        clipped |= ~np.isin(raw.stamps_ns, left.stamps_ns)
         # derivatives for delays reach so far
-        doubtful = np.convolve(clipped, np.ones(2 * REACH + 1), "same") > 0.5
+        doubtful, silenced = (
+            np.convolve(mask, np.ones(2 * REACH + 1), "same") > 0.5 for mask in (clipped, silenced_samples(raw.rates))
+        )
         read, counts = (raw.rates, raw.accelerations), calibration.counts
         read = read if counts is None else counts.in_si(*read)
         matrices = (calibration.sensors.K_omega, calibration.sensors.K_a)
         noise = [
-            np.sqrt(raw.interval * np.mean(K**2 @ white_noise(part) ** 2))
+            np.sqrt(raw.interval * np.mean(K**2 @ white_noise(part[~silenced]) ** 2))
             for K, part in zip(matrices, read, strict=True)
         ]
         imu = ImuSamples(raw.stamps_ns, omega, f, raw.source)
-        return cls(name, imu, calibration, doubtful, np.array(noise))
+        return cls(name, imu, calibration, doubtful, silenced, np.array(noise))
 
     def at(self, clock: Clock, times: Array) -> Resampled:
         """Return the readings at times (n,) of the base unit; see `resampled`."""
@@ -205,6 +217,8 @@ def fuse(units: Sequence[UnitReadings], progress: StepProgress | None = None) ->
     RecordingError
         If no two units move together all the time.
     """
+    if not all(unit.silenced.any() for unit in units):  # else there are no others
+        units = [replace(unit, doubtful=unit.doubtful | unit.silenced) for unit in units]
     group = _steady(units, progress)
     base = group.units[0]
     stamps = _filled(base.imu.stamps_ns)
@@ -265,8 +279,8 @@ def _steady(units: Sequence[UnitReadings], progress: StepProgress | None) -> _Gr
         units = [unit for unit in group.units if unit.name != name]
 
 
-def _change(group: _Group) -> SuddenChange | UnsteadyClock | None:
-    """Return the clearest change of a unit against the others, if there is one.
+def _change(group: _Group) -> SuddenChange | UnsteadyClock | OddUnit | None:
+    """Return the clearest change of a unit against the others, or the unit that differs from them, if there is one.
 
     Many jumps of one clock may look like one of another unit.
     """
@@ -276,9 +290,13 @@ def _change(group: _Group) -> SuddenChange | UnsteadyClock | None:
     rates, t = np.stack([one.rates[known] for one in seen]), times[known]
     slope = local_cubics(t, usual_interval(t)).slopes(rates.mean(axis=0))
     unsteady, change = unsteady_clock(t, rates, slope), sudden_change(t, rates, slope)
-    if unsteady is None or (change is not None and change.number == unsteady.number):
+    if unsteady is not None and (change is None or change.number != unsteady.number):
+        return unsteady
+    if change is not None:
         return change
-    return unsteady
+    turning = rates.mean(axis=0)
+    forces = [one.forces[known] + unit.to_origin(turning, slope) for one, unit in zip(seen, group.units, strict=True)]
+    return odd_unit(rates, np.stack(forces), usual_interval(t))
 
 
 def _moving_together(units: Sequence[UnitReadings], progress: StepProgress | None) -> _Group:
@@ -381,12 +399,15 @@ def _at_origin(group: _Group, times: Array, density: Array, mean: tuple[Array, A
 
 
 def _densities(group: _Group, times: Array, still: Standstills) -> Array | None:
-    """Return noise densities at standstills, (units, 2); None where one of the units has too few."""
+    """Return noise densities at standstills, (units, 2); None where one of the units has too few.
+
+    Of a device that sets its rates to zero at rest, or rounds coarsely, they are those in motion.
+    """
     out = []
     for unit, clock in zip(group.units, group.clocks, strict=True):
         seen = unit.at(clock, times)
         own = [still.density(values, seen.known) for values in (seen.rates, seen.forces)]
         if None in own:
             return None
-        out.append(own)
-    return np.maximum(np.array(out, dtype=float), 1e-12)
+        out.append(np.maximum(np.array(own, dtype=float), _LEAST * unit.noise))
+    return np.maximum(np.array(out), 1e-12)

@@ -175,6 +175,42 @@ def test_a_unit_that_moves_by_itself_is_left_out():
     assert "imu0" in out.left_out["imu2"]
 
 
+def dead_axis(imu):
+    forces = imu.accelerations.copy()
+    forces[:, 1] = 0.0
+    return replace(imu, accelerations=forces)
+
+
+def other_offsets(imu):
+    return replace(imu, rates=np.add(imu.rates, [0.02, 0, 0]), accelerations=np.add(imu.accelerations, [1, 0, 0]))
+
+
+@pytest.mark.parametrize("changed", [dead_axis, other_offsets])
+def test_a_unit_whose_corrected_readings_differ_from_all_others_is_left_out(changed):
+    raw = readings()
+    name = UNITS[1].name
+    got = fused({**raw, name: changed(raw[name])})
+    assert list(got.left_out) == [name]
+    assert "its corrected forces differ from those of the others by" in got.left_out[name]
+
+
+@pytest.mark.parametrize("changed", ["spikes", "zeros"])
+def test_spikes_and_rates_that_are_set_to_zero_do_not_go_into_the_mean(whole, changed):
+    raw = readings()
+    name = UNITS[1].name
+    rates, forces = raw[name].rates.copy(), raw[name].accelerations.copy()
+    if changed == "spikes":
+        forces[500 : forces.shape[0] - 500 : 400, 1] += 50.0
+    else:
+        rates[np.abs(rates).max(axis=1) < 0.05] = 0.0
+    got = fused({**raw, name: replace(raw[name], rates=rates, accelerations=forces)})
+    assert not got.left_out
+    _, w, f = errors(got.stamps_ns, got.rates, got.forces)
+    _, right_w, right_f = errors(whole.stamps_ns, whole.rates, whole.forces)
+    assert np.abs(w).max() < 1.5 * np.abs(right_w).max()
+    assert np.abs(f).max() < 1.5 * np.abs(right_f).max()
+
+
 def test_if_the_first_one_moves_by_itself_the_next_one_is_the_base():
     raw = readings()
     raw["imu0"] = UNITS[0].record(Motion(seed=9), SECONDS)
