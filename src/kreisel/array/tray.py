@@ -22,10 +22,10 @@ from kreisel.array.tray_places import covariance_of_units, places_of_units
 from kreisel.array.tray_result import mover_of, spread_of, unit_calibration
 from kreisel.array.unit_clock import BASES, clock_of
 from kreisel.array.unit_fit import Common, UnitFit, fit_unit
+from kreisel.array.unit_verdict import UnitFindings, unit_verdict
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
-from kreisel.calibration.result_sections import Verdict
 from kreisel.errors import KreiselError, RecordingError, SettingsError
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block
@@ -67,10 +67,6 @@ unit over the longest. Chosen: where a unit begins or ends, the mean changes by 
 
 _HARDLY = 1e-4
 """Share of a recording up to which readings that are far off are not worth a word."""
-
-_OFTEN = 0.1
-"""The same from which they are a reason against a unit. Chosen: bursts, spikes and lost contacts are rarer; what errs
-more often errs as the motion does."""
 
 _NEEDED = ("gyro_cross_coupling", "gyro_offset", "accel_cross_coupling", "accel_offset", "lever_arms")
 
@@ -332,8 +328,8 @@ class _Tray:
         return cls(read, base, units, left_out, mean)
 
     def seconds(self, name: str) -> float:
-        """Return the length of a unit's readings, s."""
-        return float(self.recording(name).imu.seconds[-1])
+        """Return the length of a unit's readings on the clock of the base unit, s."""
+        return (1.0 + self.units[name].clock.skew) * float(self.recording(name).imu.seconds[-1])
 
     def readings(self, name: str) -> Resampled:
         """Return a unit's readings at the base unit's times."""
@@ -520,7 +516,9 @@ def _outcome(
         fit, own, turn = found.fits[name], tray.recording(name), turns.get(name)
         spread = spread_of(fit, mean.calibration, seconds)
         share = fit.far / seconds
-        verdict = _verdict(mean, turn, odd.get(name), _not_fixed(fit, fixed), sure=name in turned, far=share)
+        shown = _not_fixed(fit, fixed)
+        of_unit = UnitFindings(turn, name in turned, odd.get(name), share, shown, fit.sensors)
+        verdict = unit_verdict(mean.verdict, of_unit)
         far = (*_far(fit, seconds), *_bent(fit))
         calibration = unit_calibration(fit, mean.calibration, own, spread, verdict, (*own.warnings, *far), clock)
         return UnitOutcome(name, calibration, fit, shares[name], turn, far)
@@ -552,49 +550,3 @@ def _bent(fit: UnitFit) -> tuple[DataWarning, ...]:
         "those at the mean force"
     )
     return (DataWarning("unit", said),)
-
-
-def _verdict(
-    mean: Outcome, turn: Turn | None, odd: float | None, shown: Collection[str], *, sure: bool, far: float
-) -> Verdict:
-    """Return the verdict of a unit: that of the mean, and against one that turned, does not fit, or shows an effect.
-
-    Parameters
-    ----------
-    odd
-        By how much its differences from the common motion exceed its noise, where the mean is better without it.
-    shown
-        Effects that its readings show and that are not estimated: they cannot be, or the mean is rejected with them.
-    sure
-        Whether it was this unit that turned, and not the other one.
-    far
-        Share of the recording in which its readings are far off.
-    """
-    verdict = mean.verdict
-    if turn is not None:
-        angle = 1e3 * float(np.linalg.norm(turn.angle))
-        when = f"{turn.seconds:.0f} s after the beginning"
-        reason = (
-            f"it turned on its mount by {angle:.2g} mrad, {when}; fasten it"
-            if sure
-            else f"it or the other unit turned on its mount, by {2.0 * angle:.2g} mrad, {when}; fasten both"
-        )
-    elif odd is not None:
-        reason = (
-            f"its readings differ from the motion of the other units by {odd:.2g} times what its noise explains; check "
-            "its mount, its clock and its connection"
-        )
-    elif far > _OFTEN:
-        reason = (
-            f"its readings differ grossly from the motion of the other units for {100.0 * far:.0f} % of the recording; "
-            "check its range, its mount and its connection"
-        )
-    elif shown:
-        reason = (
-            f"its readings show {' and '.join(shown)}, and no calibration of the mean accounts for that; check its "
-            "mount, or calibrate it alone with --imu"
-        )
-    else:
-        return verdict
-    sensors = dict.fromkeys(verdict.sensors, "rejected")
-    return replace(verdict, accepted=False, reasons=(*verdict.reasons, reason), sensors=sensors)

@@ -209,9 +209,9 @@ def _reversed(F: Array) -> str | None:
     if np.trace(F) > -2.6:
         return disorder(F)
     return (
-        "the accelerometers have the opposite sign of the reference: they give gravity instead of specific force, "
-        "or the reference's frames are left-handed. Change the sign of all three; at standstill the axis that "
-        "points upward must read +9.8"
+        "the accelerometers have the opposite sign of the reference. Where an axis that points upward reads -9.8 at "
+        "standstill, they give gravity instead of specific force: change the sign of all three. Where it reads +9.8, "
+        "the reference's frames are left-handed, as those of game engines are: change the signs of z, qx and qy"
     )
 
 

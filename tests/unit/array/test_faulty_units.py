@@ -125,6 +125,13 @@ def test_a_unit_whose_clock_jumps_is_named_and_does_not_spoil_the_others():
 
 
 @pytest.mark.slow
+def test_a_clock_that_is_three_percent_fast_makes_no_unit_the_longest():
+    units, worst = calibrated(lambda imu: replace(imu, stamps_ns=np.round(1.03 * imu.stamps_ns).astype(np.int64)))
+    assert all(unit.calibration.accepted for unit in units.values())
+    assert max(worst.values()) < 4.0
+
+
+@pytest.mark.slow
 def test_a_unit_that_ends_early_is_calibrated_and_not_in_the_mean():
     def cut(imu):
         n = 6 * imu.stamps_ns.size // 10
