@@ -143,6 +143,7 @@ class Tail:
         self._keep = keep
         self._scan = McapScan(WANTED)
         self._offset = 0
+        self._identity: tuple[int, int] | None = None
         self._kept: dict[str, Rows] = {}
         self._means = _Means() if bounded else None
         self.full = False
@@ -168,10 +169,14 @@ class Tail:
         Raises
         ------
         RecordingError
-            If the file does not exist, is not an MCAP file, or contains a damaged message.
+            If the file does not exist, is not an MCAP file, was replaced, or contains a damaged message.
         """
         try:
-            size = self.file.stat().st_size
+            found = self.file.stat()
+            size, identity = found.st_size, (found.st_dev, found.st_ino)
+            if self._identity not in (None, identity):
+                raise RecordingError("was replaced by another file while it was read; begin again", file=self.file)
+            self._identity = identity
             with self.file.open("rb") as stream:
                 if self._offset == 0:
                     if size < _MAGIC:

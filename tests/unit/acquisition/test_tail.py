@@ -5,7 +5,8 @@ from array import array
 import numpy as np
 import pytest
 
-from kreisel.acquisition.tail import Rows, _Means
+from kreisel.acquisition.tail import Rows, Tail, _Means
+from kreisel.errors import RecordingError
 
 STEP = 500_000  # ns
 
@@ -46,3 +47,14 @@ def test_a_slow_imu_is_kept_as_it_is():
     assert means.group == 1
     assert np.array_equal(found, stamps)
     assert np.array_equal(numbers, values)
+
+
+def test_a_file_that_is_replaced_is_not_read_on(tmp_path):
+    for name in ("a.mcap", "b.mcap"):
+        (tmp_path / name).write_bytes(b"\x89MCAP0\r\n")
+    tail = Tail(tmp_path / "a.mcap")
+    assert tail.read() == {}
+    assert tail.read() == {}
+    (tmp_path / "b.mcap").replace(tmp_path / "a.mcap")
+    with pytest.raises(RecordingError, match=r"a\.mcap: was replaced by another file while it was read; begin again"):
+        tail.read()
