@@ -27,6 +27,7 @@ from kreisel.static.rest_search import find_rests
 from kreisel.static.static_result import calibrate_static
 from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.correlation import quietest_second
+from kreisel.validation.imu_checks import check_dead
 
 _UNKNOWN_MATRIX = 1e-2
 """Deviation of the entries of a gyro matrix that nothing was found of: that of usual devices."""
@@ -95,6 +96,7 @@ def _together(
         left_out: dict[str, str] = {}
         try:
             base = read(first)
+            check_dead(base.imu)
         except KreiselError as error:
             errors.append(error)
             continue
@@ -102,6 +104,7 @@ def _together(
         for name in (*names[k + 1 :], *names[:k]):
             try:
                 recording = read(name)
+                check_dead(recording.imu)
                 clock = clock_of(recording.imu, base.imu, first)
                 _check_turn(recording.imu, clock, base.imu, first)
                 found[name] = (recording, clock)

@@ -160,7 +160,7 @@ def _not_negative(S: Array, q: Array) -> Array:
 
 
 def gauge_study(runs: Sequence[Run], limits: Limits | None, by: str = "operator") -> list[Gauged]:
-    """Return the components of every figure over accepted runs; of one recording the last run counts.
+    """Return the components of every figure over accepted runs, of which each recording counts once.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def gauge_study(runs: Sequence[Run], limits: Limits | None, by: str = "operator"
     SettingsError
         If nothing was repeated.
     """
-    used = [run for run in {run.data: run for run in runs}.values() if run.accepted]
+    used = counted_once(runs)
     out = []
     for quantity in OF_DEVICE:
         values, deviations = figures_of(used, quantity)
@@ -189,6 +189,26 @@ def gauge_study(runs: Sequence[Run], limits: Limits | None, by: str = "operator"
     if not out:
         raise SettingsError(f"{len(used)} accepted calibrations: a gauge study needs units with several")
     return out
+
+
+def counted_once(runs: Sequence[Run]) -> list[Run]:
+    """Return accepted runs, of one recording the last one.
+
+    Raises
+    ------
+    SettingsError
+        If the same data stand under two units.
+    """
+    found: dict[str, Run] = {}
+    for run in runs:
+        other = found.get(run.data)
+        if other is not None and other.unit != run.unit and run.data != run.name:
+            raise SettingsError(
+                f"{other.name} of unit {other.unit} and {run.name} of unit {run.unit} are calibrations of the same "
+                "data: correct the serial number in one of the recordings, or delete it"
+            )
+        found[run.data] = run
+    return [run for run in found.values() if run.accepted]
 
 
 def appraiser_of(run: Run, by: str) -> str:

@@ -33,6 +33,7 @@ from kreisel.progress import Progress, shown
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.refinement.observability import observability
 from kreisel.tasks import Executor, sequential
+from kreisel.validation.common_readings import share_in_common
 
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 _LEVEL = 0.01
@@ -49,6 +50,10 @@ _ADVICE = {
     "robot": "they are of different arms; calibrate --joint takes them with --own robot",
     "site": "--own site", "reference": "--own reference",
 }  # fmt: skip
+
+_COMMON = 0.01
+"""Share of readings in common from which two recordings are not independent. Chosen: deviations are then 0.3 % too
+small, and chance makes none."""
 
 MAX_FACTOR = 3.0
 """Largest factor on deviations by which differences between recordings are covered."""
@@ -104,17 +109,19 @@ def calibrate_joint(
 
 
 def _check_different(recordings: Sequence[Recording], names: Sequence[str]) -> None:
-    """Check that no recording is given twice.
+    """Check that no two recordings have readings in common.
 
     Raises
     ------
     SettingsError
-        If two of them have the same readings; they would count as independent.
+        If some do; they would count as independent.
     """
     for k, one in enumerate(recordings):
         for i, other in enumerate(recordings[:k]):
-            if one.imu.rates.shape == other.imu.rates.shape and np.array_equal(one.imu.rates, other.imu.rates):
-                raise SettingsError(f"{names[i]} and {names[k]} have the same readings: give each recording once")
+            share = share_in_common(one.imu, other.imu)
+            if share > _COMMON:
+                same = "the same readings" if share > 1.0 - _COMMON else f"{100.0 * share:.0f} % of readings in common"
+                raise SettingsError(f"{names[i]} and {names[k]} have {same}: give each recording once")
 
 
 @dataclass(frozen=True)

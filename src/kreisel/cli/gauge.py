@@ -30,7 +30,14 @@ def gauge(
     """Study a gauge: calibrations of some units, each several times, by one appraiser or several."""
     import json as json_module
 
-    from kreisel.batch.gauge_study import APPRAISERS, appraiser_of, gauge_facts, gauge_study, gauge_table
+    from kreisel.batch.gauge_study import (
+        APPRAISERS,
+        appraiser_of,
+        counted_once,
+        gauge_facts,
+        gauge_study,
+        gauge_table,
+    )
     from kreisel.batch.result_store import Store
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.terminal_tables import print_rows
@@ -42,7 +49,7 @@ def gauge(
     if not database.is_file():
         raise RecordingError("no such file; `kreisel batch` makes it", file=database)
     with Store(database) as store:
-        runs = [run for run in store.runs() if run.accepted]
+        runs = counted_once([run for run in store.runs() if run.accepted])
     found = gauge_study(runs, known, by)
     names = sorted({appraiser_of(run, by) for run in runs})
     lead = (

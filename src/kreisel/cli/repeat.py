@@ -59,7 +59,7 @@ def repeat(
         if one.accepted:
             accepted[name] = one
         else:
-            left_out[name] = f"rejected: {one.verdict.reasons[0]}"
+            left_out[name] = f"rejected: {one.verdict.reasons[0]}" if one.verdict.reasons else "rejected"
     if len(accepted) < 2:
         why = "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
         raise SettingsError(f"fewer than two results are accepted ({why}); nothing to compare")

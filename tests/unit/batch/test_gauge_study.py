@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from kreisel.batch.gauge_study import gauge_study, gauge_table, variance_components
+from kreisel.batch.gauge_study import counted_once, gauge_study, gauge_table, variance_components
 from kreisel.calibration.limits import Limits
 from kreisel.errors import SettingsError
 
@@ -109,3 +109,17 @@ def test_without_repetitions_there_is_no_study():
         variance_components(np.arange(4.0), list("abcd"), ["x"] * 4)
     with pytest.raises(SettingsError, match="several"):
         gauge_study([run(0)], None)
+
+
+def test_the_same_data_under_two_units_are_named():
+    fields = [getattr(run(0), name) for name in ("maker", "type", "date", "error", "text")]
+
+    class Measured(type(run(0))):
+        data = "0123abcd"
+
+    one, other = Measured("a", "first", "unit-1", *fields), Measured("b", "second", "unit-2", *fields)
+    assert counted_once([one, one]) == [one]
+    with pytest.raises(
+        SettingsError, match="first of unit unit-1 and second of unit unit-2 are calibrations of the same"
+    ):
+        counted_once([one, other])
