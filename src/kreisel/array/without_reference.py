@@ -104,9 +104,9 @@ def _together(
         for name in (*names[k + 1 :], *names[:k]):
             try:
                 recording = read(name)
-                check_dead(recording.imu)
                 clock = clock_of(recording.imu, base.imu, first)
                 _check_turn(recording.imu, clock, base.imu, first)
+                check_dead(recording.imu)
                 found[name] = (recording, clock)
             except KreiselError as error:
                 left_out[name] = reason_of(error)

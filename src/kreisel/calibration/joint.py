@@ -262,7 +262,7 @@ def _reasons(differing: tuple[str, ...], factor: float, remedy: str) -> list[Rea
     if factor <= MAX_FACTOR:
         return []
     text = f"recordings differ from the others by more than {MAX_FACTOR:g} times their standard deviations explain"
-    return [Reason(f"{text}: {', '.join(differing)}; {remedy}")]
+    return [Reason(f"{text}: {', '.join(differing)}; {remedy}", own=True)]
 
 
 def _warnings(

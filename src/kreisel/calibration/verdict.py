@@ -106,11 +106,14 @@ class Reason:
         The sensors it is about.
     motion
         Whether it is the motion that does not show enough, and nothing that contradicts the model.
+    own
+        Whether it says its cause itself.
     """
 
     text: str
     sensors: tuple[str, ...] = SENSORS
     motion: bool = False
+    own: bool = False
 
 
 def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
@@ -151,11 +154,13 @@ def verdict_by(
         sensors[sensor] = "rejected" if any(not r.motion for r in own) else "not_observable" if own else "accepted"
     if sensors["gyroscope"] != "accepted" and sensors["accelerometer"] == "accepted":
         sensors["accelerometer"] = "not_observable"  # forces and attitudes are turned by what the gyros measure
-    texts = [reason.text for reason in reasons if set(asked) & set(reason.sensors)]
+    shown = [reason for reason in reasons if set(asked) & set(reason.sensors)]
+    texts = [reason.text for reason in shown]
     others = [reason.text for reason in reasons if not set(asked) & set(reason.sensors)]
     accepted = all(sensors[sensor] == "accepted" for sensor in asked)
-    if texts and causes:
-        texts[0] += f". Likeliest cause: {causes[0].text}"
+    unexplained = next((k for k, reason in enumerate(shown) if not reason.own and not reason.motion), None)
+    if causes and unexplained is not None:
+        texts[unexplained] += f". Likeliest cause: {causes[0].text}"
     return Verdict(accepted, tuple(texts), seen.unobservable, causes, sensors, tuple(others))
 
 
@@ -232,7 +237,7 @@ def _latitude(check: LatitudeCheck | None) -> list[Reason]:
         f"which gives {check.found_deg:.1f} ± {check.deviation_deg:.1g} deg: "
         "correct site.latitude_deg in recording.toml"
     )
-    return [Reason(text)]
+    return [Reason(text, own=True)]
 
 
 def _known(scores: Mapping[str, float]) -> list[Reason]:
@@ -387,5 +392,5 @@ def _scale(estimate: Estimate) -> list[Reason]:
             text = f"{sensor} axes are {np.degrees(off.max()):.0f} deg off right angles, more than those of any device"
         if text:
             hint = "" if "unit" in text else ": the motion or the reference has errors that are not modelled"
-            reasons.append(Reason(text + hint, (sensor,)))
+            reasons.append(Reason(text + hint, (sensor,), own=not hint))
     return reasons

@@ -7,15 +7,17 @@ import pytest
 from scipy.stats import chi2
 
 from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
-from kreisel.calibration.result_sections import Consistency
+from kreisel.calibration.result_sections import Cause, Consistency
 from kreisel.calibration.verdict import (
     MAX_CONTRADICTION,
     MAX_MOVED,
     MAX_NIS,
     MAX_SCORE,
     MAX_UNLISTED,
+    Reason,
     consistency,
     judge,
+    verdict_by,
 )
 from kreisel.estimation.uncertainty import Contribution, each
 from kreisel.estimation.uncertainty_budget import Source
@@ -275,3 +277,20 @@ def test_correlation_of_neighbours_is_that_of_updates_on_the_path_that_were_used
     made = history(2 * n, whitened=wide, at_standstill=still)
     facts = consistency(found(run=replace(small_run(), history=made)), CORRELATION)
     np.testing.assert_allclose(facts.lag_one, 0.7, atol=4 * 0.016)
+
+
+def test_the_likeliest_cause_stands_with_a_reason_that_it_may_explain():
+    causes = (Cause("gyro_g_sensitivity", "gyros respond to forces", 40.0),)
+    reasons = [
+        Reason("turn about all axes", motion=True),
+        Reason("another device", own=True),
+        Reason("the halves differ"),
+        Reason("the noise is larger"),
+    ]
+    assert verdict_by(reasons, SEEN, causes).reasons == (
+        "turn about all axes",
+        "another device",
+        "the halves differ. Likeliest cause: gyros respond to forces",
+        "the noise is larger",
+    )
+    assert verdict_by(reasons[:2], SEEN, causes).reasons == ("turn about all axes", "another device")
