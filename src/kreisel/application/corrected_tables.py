@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from kreisel.application.unit_check import check_units
+from kreisel.application.unit_check import check_rates, check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
 from kreisel.formats.imu_lines import ImuLines, ImuRows
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.inertial.effects import follows_temperature
 from kreisel.recording.recording import ImuSamples, Stamps
 from kreisel.validation.as_sampled import scatter_of
@@ -59,6 +59,7 @@ class CorrectedTable:
         self._source, self._header_written = source, False
         self._corrected = corrected
         self._scatter: list[str] = []
+        self._lasting: Array | None = np.zeros(0) if check and calibration.counts is None else None
         self.rows = 0
 
     def feed(self, data: bytes) -> bytes:
@@ -76,6 +77,8 @@ class CorrectedTable:
         if self._check:
             self._first.append(found)
             self._look_at(CHECKED)
+        elif self._lasting is not None:
+            self._lasting = self._last_rates(self._lasting, found.rates)
         self._waiting.extend(zip(found.stamp_texts, found.others, strict=True))
         if self._corrected is not None:
             own = slice(self.rows, self.rows + len(found.rates))
@@ -87,6 +90,13 @@ class CorrectedTable:
         except RecordingError as error:
             raise RecordingError(error.message, file=self._source) from error
         return out + self._written(omega, f)
+
+    def _last_rates(self, before: Array, rates: Array) -> Array:
+        """Return the sizes of the last rates, and check them: at the first ones the device may have rested."""
+        last = np.concatenate([before, lengths(rates)])[-max(CHECKED, len(rates)) :]
+        if last.size >= CHECKED:
+            check_rates(float(np.median(last)), self._source)
+        return last
 
     def _look_at(self, least: int) -> None:
         """Check the units of the first rows, once there are so many of them."""

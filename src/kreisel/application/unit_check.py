@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -77,10 +78,20 @@ def check_units(samples: ImuSamples, *, stated: bool, warm: bool = False, counts
                 f"nanoseconds? State their unit, as in #timestamp [us]{REMEDY}",
                 file=samples.source,
             )
-    usual = float(np.percentile(lengths(samples.rates), 99.0))
+    check_rates(float(np.percentile(lengths(samples.rates), 99.0)), samples.source)
+
+
+def check_rates(usual: float, source: Path) -> None:
+    """Raise an error for rates, rad/s, that are usual and faster than a device turns.
+
+    Raises
+    ------
+    RecordingError
+        It says what else they may be.
+    """
     if usual > FASTEST:
         raise RecordingError(
             f"rates of {usual:.4g} rad/s: are they in deg/s? State the unit in the header, or after the columns"
             + REMEDY,
-            file=samples.source,
+            file=source,
         )

@@ -255,6 +255,20 @@ def test_streams_with_scattering_stamps_have_a_note():
         assert any("scatter by" in note for note in stream.notes) is noted
 
 
+def test_a_stream_in_degrees_is_refused_though_it_begins_at_rest():
+    rates = np.vstack([1e-3 * RATES, np.rad2deg(RATES)])
+    stamps = STAMPS[0] + 2_500_000 * np.arange(2 * N)
+    rows = [(s, *w, *a) for s, w, a in zip(stamps, rates, np.vstack([FORCES, FORCES]), strict=True)]
+    raw = table(rows=rows)
+    with pytest.raises(RecordingError, match="are they in deg/s"):
+        everything(raw, range(len(raw) // 2, len(raw), 2000))
+    fast = [
+        (s, *w, *a)
+        for (s, *_), w, a in zip(rows, 15.0 * np.vstack([RATES, RATES]), np.vstack([FORCES] * 2), strict=True)
+    ]
+    assert numbers(everything(table(rows=fast)))[1].shape == (2 * N, 6)
+
+
 def test_stamps_that_repeat_and_folders_of_several_recordings_are_refused(tmp_path):
     with pytest.raises(RecordingError, match="inf samples a second"):
         check_units(ImuSamples(np.zeros(9, dtype=np.int64), RATES[:9], FORCES[:9], tmp_path), stated=False)
