@@ -33,7 +33,8 @@ from kreisel.recording.recording_settings import ColumnsTable, RecordingSettings
 from kreisel.units import ZERO_CELSIUS
 
 _DAY = 86_400 * 10**9  # ns
-_GERMAN_DATE = re.compile(r"\b(\d\d)\.(\d\d)\.(\d{4})\b")
+_GERMAN_DATE = re.compile(r"^(\d\d?)\.(\d\d?)\.(\d{4})\b")
+_SHORT_HOUR = re.compile(r"(^|T)(\d):")
 _HELD = 0.3
 """Share of rows in a common table that repeat the pose of the row before, above which poses are rarer than rows."""
 
@@ -392,8 +393,7 @@ def _of_dates(sheet: Sheet, name: str, column: NDArray[Any], *, alone: bool) -> 
 
     Times of a day that stand `alone` may pass midnight; beside a date the date says it.
     """
-    texts = [str(cell).strip().replace("/", "-").replace(",", ".").rstrip("Z").replace(" ", "T", 1) for cell in column]
-    texts = [_GERMAN_DATE.sub(r"\3-\2-\1", text) for text in texts]
+    texts = [_as_iso(str(cell)) for cell in column]
     good = np.array([bool(text) for text in texts])
     only_time = all("-" not in text for text in texts)
     try:
@@ -407,6 +407,12 @@ def _of_dates(sheet: Sheet, name: str, column: NDArray[Any], *, alone: bool) -> 
     if only_time and alone:
         ns[good] += _DAY * np.append(0, np.cumsum(np.diff(ns[good]) < -_DAY // 2))
     return ns, good
+
+
+def _as_iso(text: str) -> str:
+    """Return a date or a time of day as ISO 8601 writes it."""
+    dated = _GERMAN_DATE.sub(lambda m: f"{m[3]}-{m[2]:>02}-{m[1]:>02}", text.strip().replace("/", "-").rstrip("Z"))
+    return _SHORT_HOUR.sub(r"\g<1>0\2:", dated.replace(",", ".").replace(" ", "T", 1))
 
 
 def _note(sheet: Sheet, what: str, keep: NDArray[np.bool_], warnings: list[DataWarning]) -> None:

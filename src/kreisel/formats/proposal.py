@@ -60,6 +60,9 @@ _FOLLOWS = 0.3
 _FASTEST_TURN = 60.0
 """rad/s; larger numbers are no rates in rad/s."""
 
+_NOTES = 4096
+"""Bytes up to which a file that cannot be read may be somebody's notes."""
+
 _MAX_TRIES = 40
 """Comparisons of motion; one without a search for the time offset counts a fifth. Chosen: more than the likely pairs of
 devices and bodies in a table; unlikely ones are left out, so that a proposal takes seconds."""
@@ -186,7 +189,7 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
     notes += [
         f"[{unit}] is no unit of {quantity} that is known; what stands below is a guess" for quantity, unit in unknown
     ]
-    notes += [_of_line(error) for error in sorted(unread, key=_size, reverse=True)]
+    notes += [_of_line(error) for error in sorted(unread, key=_size, reverse=True) if _size(error) > _NOTES]
     if not any(one.attitude for one in best):
         notes.append("no orientations were found: if there are poses, name their columns")
     options = [option for one in best for option in _options(sheets, one)]

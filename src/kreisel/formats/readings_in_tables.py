@@ -302,7 +302,7 @@ def _readings(sheets: Sequence[Sheet], group: Group) -> Iterator[Attitude]:
     if len(values) < 20 or not np.ptp(values, axis=0).max() > 0.0:
         return
     if group.quantity == "quaternion":
-        length = lengths(values)
+        length = lengths(values[~(values == values[:, :1]).all(axis=1)])  # four equal numbers mark what was lost
         if np.percentile(np.abs(length[length > 0.5] - 1.0), 95) < _UNIT_LENGTH if (length > 0.5).any() else False:
             yield from _quaternions(group)
     elif group.quantity == "matrix":

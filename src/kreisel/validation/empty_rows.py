@@ -101,6 +101,10 @@ def _poses_without(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarn
         if zeros.any():
             lost.append(_Lost(zeros, "with a quaternion of zeros, as is written where tracking was lost"))
             gone |= zeros
+        marks = (q == q[:, :1]).all(axis=1) & (np.abs(q[:, 0]) > 1.0) & ~gone
+        if marks.any():
+            lost.append(_Lost(marks, f"with a quaternion of four times {q[marks][0, 0]:g}, a mark of lost tracking"))
+            gone |= marks
     filled = _filled(poses, gone)
     if filled.any():
         lost.append(_Lost(filled, "with a position of zeros without rotation, to which the pose jumps"))

@@ -9,7 +9,7 @@ import pytest
 from kreisel.errors import KreiselError, RecordingError, SettingsError, UnknownColumnsError
 from kreisel.formats.imus import imu_reader, imus_in
 from kreisel.formats.loading import load
-from kreisel.formats.mapped import tables_in
+from kreisel.formats.mapped import _as_iso, tables_in
 from kreisel.formats.mapping import merged, parse_terms, parse_time
 from kreisel.formats.proposal import proposal
 from kreisel.formats.rotation_forms import quaternions_of
@@ -419,3 +419,17 @@ def test_a_bag_beside_tables_of_several_imus_is_a_bag(tmp_path: Path) -> None:
     samples, _ = imu_reader(tmp_path / "run.mcap")("imu0")
     np.testing.assert_allclose(samples.rates, want.imu.rates, atol=1e-12)
     assert len(imus_in(tmp_path / "board.csv")) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "iso"),
+    [
+        ("31.12.2026 12:00:00,5", "2026-12-31T12:00:00.5"),
+        ("1.2.2026 9:00:01", "2026-02-01T09:00:01"),
+        ("9:00:00.514", "09:00:00.514"),
+        ("2026/05/01 12:00:00Z", "2026-05-01T12:00:00"),
+        ("31.12.2026", "2026-12-31"),
+    ],
+)
+def test_dates_and_times_of_day_as_people_write_them(text, iso):
+    assert _as_iso(text) == iso

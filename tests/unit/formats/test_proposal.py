@@ -224,8 +224,11 @@ def test_an_index_in_brackets_is_no_unit(tmp_path):
 def test_a_table_that_cannot_be_read_beside_another_is_named(tmp_path):
     t, w, f, _, _ = common(recorded()[1])
     log(tmp_path, {"time": t} | triad("g{}", w) | triad("a{}", f))
-    (tmp_path / "take.csv").write_text("Format Version,1.23\ntime,X,Y,Z\n0.0,1.0,2.0,3.0,\n")
-    assert "# take.csv: rows do not have the same number of columns" in proposal(tmp_path)
+    (tmp_path / "take.csv").write_text("Format Version,1.23\ntime,X,Y,Z\n" + 500 * "0.0,1.0,2.0,3.0,\n")
+    (tmp_path / "notes.txt").write_text("the second sensor was loose")
+    found = proposal(tmp_path)
+    assert "# take.csv: rows do not have the same number of columns" in found
+    assert "notes.txt" not in found
     (tmp_path / "log.csv").write_text((tmp_path / "log.csv").read_text() + "end of log\n")
     with pytest.raises(RecordingError, match="cells, expected"):
         proposal(tmp_path)

@@ -161,3 +161,12 @@ def test_arrays_may_hold_lost_samples() -> None:
     assert from_arrays(dates, rates, r.imu.accelerations).imu.stamps_ns.size == r.imu.stamps_ns.size - 2
     with pytest.raises(RecordingError, match="imu_stamps: 1 of 2400 are finite numbers"):
         from_arrays(np.where(np.arange(2400) < 1, 0.0, np.nan), rates, r.imu.accelerations)
+
+
+def test_marks_of_lost_tracking_are_no_rotations() -> None:
+    r = recording()
+    q, p = r.reference.quaternions.copy(), r.reference.positions.copy()
+    q[300:320], p[300:320] = -9999.0, -9999.0
+    got = check_streams(with_poses(r, quaternions=q, positions=p))
+    assert got.reference.stamps_ns.size == r.reference.stamps_ns.size - 20
+    assert "20 with a quaternion of four times -9999, a mark of lost tracking" in str(got.warnings[0])
