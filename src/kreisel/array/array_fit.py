@@ -38,11 +38,11 @@ _PRIORS = {
 }
 """Standard deviations: position (m), turn against the first estimate (rad), position of one accelerometer against that
 of its IMU (m), matrix, change of the offset since the standstills and half its drift (m/s^2), delay of the
-accelerometers against the gyros (s), smoothing beyond the gyros' (s^2), mean offset of the gyros since the standstills
-(rad/s), share by which the gyros' derivatives fall short, smoothing of the gyros (s^2; a filter of 30 Hz), cubic
-coefficients of each axis of theirs ((rad/s)^-2; 0.25 % at 7 rad/s), delay of an IMU's accelerometers beyond that of
-the first one's (s). The offsets: 5 mg and 200 deg/h, by which inexpensive units drift when they warm up. Derivatives of
-4 Hz are 3 % short by cubics at 62.5 Hz, and 2 % by a filter of 20 Hz."""
+accelerometers against the gyros (s), smoothing beyond the gyros' (s^2), mean offset of the gyros since the
+standstills (rad/s), share by which the gyros' derivatives fall short, smoothing of the gyros (s^2; a filter of 30
+Hz), cubic coefficients of each axis of theirs ((rad/s)^-2; 0.25 % at 7 rad/s), by how much an IMU's accelerometers
+are ahead of its gyros beyond the first one's (s). The offsets: 5 mg and 200 deg/h, by which inexpensive units drift
+when they warm up. Derivatives of 4 Hz are 3 % short by cubics at 62.5 Hz, and 2 % by a filter of 20 Hz."""
 
 _UNKNOWN = {"offset": 0.6, "matrix": 5e-2, "rate": 0.1}
 """The same of an IMU that is not calibrated by standstills: those of usual devices, see `model.groups`; where none is,
@@ -94,6 +94,8 @@ class ArrayFit:
         Standard deviation of the moments of reading, s.
     lag, smoothing
         Of the accelerometers against the gyros, s and s^2, with deviations.
+    ahead : (N,)
+        Of each IMU's accelerometers to its gyros, beyond those of the first, s.
     scale_deviation
         Relative, common to all distances: it is that of the gyros' common scale and of bandwidths.
     """
@@ -105,6 +107,7 @@ class ArrayFit:
     delay: float
     lag: tuple[float, float]
     smoothing: tuple[float, float]
+    ahead: Array
     scale_deviation: float
 
 
@@ -272,7 +275,8 @@ def _concluded(
     scale = float(np.sqrt(whole @ J @ covariance @ J.T @ whole)) / max(size, 1e-300)
     return ArrayFit(
         positions, axes, spreads, residual, delay, (float(theta[lag]), float(sd[lag])),
-        (float(theta[smoothing]), float(sd[smoothing])), scale,
+        (float(theta[smoothing]), float(sd[smoothing])),
+        np.array([0.0 if at is None else theta[at] for at in layout.late]), scale,
     )  # fmt: skip
 
 
