@@ -273,7 +273,8 @@ class _Work:
             if self._done >= _MAX_TRIES:
                 break
             found = self._compared(device, attitude)
-            self._done += 1.0 if found.fit.explained > 0.3 or found.fit.explained < 0.0 else 0.2
+            one_clock = device.sheet == attitude.group.sheet and bool({*found.times} & {*found.pose_times})
+            self._done += 0.2 if one_clock else 1.0
             self._progress("compare motion", min(self._done / _MAX_TRIES, 1.0))
             out.append(found)
         return out

@@ -306,7 +306,9 @@ def _readings(sheets: Sequence[Sheet], group: Group) -> Iterator[Attitude]:
         if np.percentile(np.abs(length[length > 0.5] - 1.0), 95) < _UNIT_LENGTH if (length > 0.5).any() else False:
             yield from _quaternions(group)
     elif group.quantity == "matrix":
-        C = values[::37].reshape(-1, 3, 3)
+        C = values[~(values == values[:, :1]).all(axis=1)][::37].reshape(-1, 3, 3)  # nine zeros mark what was lost
+        if not len(C):
+            return
         if np.abs(C @ np.swapaxes(C, 1, 2) - np.eye(3)).max() < _ORTHOGONAL:
             across = tuple(group.places[3 * (k % 3) + k // 3] for k in range(9))
             yield Attitude(group, "matrix", group.places, (1,) * 9)
@@ -396,6 +398,9 @@ def _finite(sheet: Sheet, places: Sequence[int]) -> Array:
 
 
 def values_of(sheet: Sheet, one: Attitude) -> tuple[str, Array]:
-    """Return form and numbers of orientations, angles in rad."""
+    """Return form and numbers of orientations, angles in rad; NaN where all are the same, which mark what was lost."""
     values = numbers(sheet, one.places) * np.array(one.signs, dtype=np.float64)
+    if len(one.places) > 3:
+        raw = numbers(sheet, one.places)
+        values[(raw == raw[:, :1]).all(axis=1)] = np.nan
     return one.form, values * (DEG if one.unit == "deg" else 1.0)

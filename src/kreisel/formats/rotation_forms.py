@@ -58,13 +58,15 @@ def quaternions_of(form: str, values: Array) -> Array:
     """Return quaternions (n, 4), scalar first, of numbers (n, k) in a form; angles in rad.
 
     Matrices are read row by row, and made orthogonal; of a pose matrix (3x4 or 4x4) the rotation alone is taken.
-    Numbers that are not finite give NaN.
+    Numbers that are not finite give NaN, and so do matrices whose numbers are all the same: they mark what was lost.
     """
     if form == "quaternion wxyz":
         return values
     if form == "quaternion xyzw":
         return np.roll(values, 1, axis=1)
     good = np.isfinite(values).all(axis=1)
+    if "matrix" in form:
+        good &= (values != values[:, :1]).any(axis=1)
     out = np.full((len(values), 4), np.nan)
     out[good] = _converted(form, values[good])
     return out

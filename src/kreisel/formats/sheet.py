@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.formats.budget import MAX_CHUNK, MAX_EXPANSION, Budget, TooLargeError
 from kreisel.formats.csv_table import is_number
+from kreisel.formats.preamble import COMMENTS, without_preamble
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import split_unit
 
@@ -28,7 +29,6 @@ SUFFIXES = (*TEXT, *(f"{suffix}.gz" for suffix in TEXT), ".mat", ".parquet")
 """Ends of the names of files that may hold a table."""
 
 _DELIMITERS = (";", "\t", ",", " ")
-_COMMENTS = ("#", "%", "//")
 _EMPTY = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _MAX_BYTES = 1 << 31
 """Bytes of text after unpacking, 2 GiB. Chosen: the text is held whole, with lists of its lines; a few packed bytes can
@@ -353,7 +353,8 @@ def _text_of(path: Path) -> str:
 
 
 def _from_text(path: Path, text: str) -> Sheet:
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    above = without_preamble(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
+    lines = above.lines
     head = _head(lines, path)
     body = lines[head.first :]
     if not text.endswith(("\n", "\r")) and len(body) > 2:
@@ -362,7 +363,7 @@ def _from_text(path: Path, text: str) -> Sheet:
     split = [split_unit(name.strip().lstrip("#").strip().strip("\"'")) for name in names]
     units = [own or under for (_, own), under in zip(split, head.units or [None] * head.count, strict=True)]
     called = tuple(name or f"#{k + 1}" for k, (name, _) in enumerate(split))
-    return Sheet(path, called, tuple(units), tuple(_columns(body, head, path)))
+    return Sheet(path, called, tuple(units), tuple(_columns(body, head, path)), scalars=above.scalars)
 
 
 @dataclass(frozen=True)
@@ -440,7 +441,7 @@ def _cells(line: str, head: _Head) -> list[str]:
 
 
 def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith(_COMMENTS)
+    return line.lstrip().startswith(COMMENTS)
 
 
 def _is_number_or_empty(cell: str) -> bool:
