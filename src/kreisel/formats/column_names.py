@@ -247,7 +247,7 @@ def groups_of(sheet: int, names: Sequence[str], units: Sequence[str | None], usa
         if usable[k] and name.axis and name.quantity not in ("", "time", "counter", "other"):
             alike.setdefault((name.quantity, name.owner), []).append((name.axis, k))
     for (quantity, owner), columns in alike.items():
-        found |= {(quantity, own): members for own, members in _told_apart(quantity, owner, columns, names).items()}
+        found |= {(quantity, own): members for own, members in _split_by_stem(quantity, owner, columns, names).items()}
     turned = {owner for quantity, owner in found if quantity in ("quaternion", "orientation", "angle", "matrix")}
     for k, name in enumerate(said):  # hand_x beside hand_qw
         if usable[k] and name.quantity == "" and name.axis in ("x", "y", "z") and name.owner in turned:
@@ -262,7 +262,7 @@ def groups_of(sheet: int, names: Sequence[str], units: Sequence[str | None], usa
     return out
 
 
-def _told_apart(
+def _split_by_stem(
     quantity: str, owner: tuple[str, ...], columns: list[tuple[str, int]], names: Sequence[str]
 ) -> dict[tuple[str, ...], dict[str, int]]:
     """Return columns by owner and axis: where an axis stands there twice, by what else differs, as gyro_x and gx."""

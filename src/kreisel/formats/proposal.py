@@ -18,9 +18,10 @@ from kreisel.formats import readings_in_tables as tables
 from kreisel.formats.column_names import Group, known_unit, read_name
 from kreisel.formats.mapped import settings_beside, tables_in
 from kreisel.formats.motion_check import NO_FIT, Fit, by_gravity, compare, thinned_imu, thinned_poses
+from kreisel.formats.readable_tables import in_words, most_likely, notes_of, readable
 from kreisel.formats.readings_in_tables import Attitude, Device, text_of
 from kreisel.formats.separate_files import mapping_of_separate_files
-from kreisel.formats.sheet import Sheet, read_sheet
+from kreisel.formats.sheet import Sheet
 from kreisel.formats.time_columns import (
     SLOWEST_IMU,
     SLOWEST_POSES,
@@ -59,9 +60,6 @@ _FOLLOWS = 0.3
 
 _FASTEST_TURN = 60.0
 """rad/s; larger numbers are no rates in rad/s."""
-
-_NOTES = 4096
-"""Bytes up to which a file that cannot be read may be somebody's notes."""
 
 _MAX_TRIES = 40
 """Comparisons of motion; one without a search for the time offset counts a fifth. Chosen: more than the likely pairs of
@@ -102,7 +100,7 @@ def unknown_columns(
         text = _with_entries(proposal(path, progress), given)
     except RecordingError as error:
         return UnknownColumnsError(
-            f"the columns are not assigned, and the data suggest no mapping ({_of_line(error)}); write [columns] "
+            f"the columns are not assigned, and the data suggest no mapping ({in_words(error)}); write [columns] "
             "into recording.toml, or give --map",
             "",
             file=path,
@@ -116,17 +114,6 @@ def unknown_columns(
         text,
         file=path,
     )
-
-
-def _of_line(error: RecordingError) -> str:
-    """Return what an error says, with its file and line."""
-    name = "" if error.file is None or not Path(error.file).is_file() else f"{Path(error.file).name}: "
-    return f"{name}{error.message}" if error.line is None else f"{name}line {error.line}: {error.message}"
-
-
-def _size(error: RecordingError) -> int:
-    """Return the size of the file that an error is about: recordings are larger than notes."""
-    return 0 if error.file is None else Path(error.file).stat().st_size
 
 
 def _with_entries(text: str, given: ColumnsTable | None) -> str:
@@ -164,16 +151,16 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
         If no readings of an IMU are found.
     """
     say = progress or _unheard
-    sheets, unread = _readable(path, say)
+    sheets, unread = readable(path, say)
     say("find columns", 0.0)
     groups = tables.all_groups(sheets)
     devices = tables.devices(sheets, groups)
     if not devices:
         separate = mapping_of_separate_files(sheets)
         if separate is not None:
-            return "\n".join(separate)
+            return "\n".join([*separate, *_references_beside(sheets, groups, separate)])
         if unread:
-            raise max(unread, key=_size)
+            raise most_likely(unread)
         raise RecordingError(
             "no three columns are accelerations by name or by the length of gravity, with rates beside", file=path
         )
@@ -189,7 +176,7 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
     notes += [
         f"[{unit}] is no unit of {quantity} that is known; what stands below is a guess" for quantity, unit in unknown
     ]
-    notes += [_of_line(error) for error in sorted(unread, key=_size, reverse=True) if _size(error) > _NOTES]
+    notes += notes_of(unread)
     if not any(one.attitude for one in best):
         notes.append("no orientations were found: if there are poses, name their columns")
     options = [option for one in best for option in _options(sheets, one)]
@@ -207,30 +194,26 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
     return "\n".join(lines).rstrip()
 
 
+def _references_beside(sheets: list[Sheet], groups: Sequence[Group], mapping: Sequence[str]) -> list[str]:
+    """Return lines, as a comment, for orientations in tables that a mapping does not use; no motion was compared."""
+    used = {k for k, sheet in enumerate(sheets) if any(f'"{sheet.source.name}"' in line for line in mapping)}
+    named = [group for group in groups if group.sheet not in used]
+    for found in tables.attitudes(sheets, named, set()):
+        body = found[0]
+        if body.group.sheet in used:
+            continue
+        times = times_of(sheets[body.group.sheet], body.group.places, body.group.owner, SLOWEST_POSES)
+        entries = _reference(sheets, body, NO_FIT, times[0].text if times else "")
+        lines = [
+            "is this the reference? Its motion was not compared; remove the marks if it is",
+            *toml_table("columns.reference", entries).splitlines(),
+        ]
+        return ["", *(f"# {line}" for line in lines)]
+    return []
+
+
 def _unheard(step: str, share: float) -> None:
     """Take progress that nobody asked for."""
-
-
-def _readable(path: Path, progress: Progress) -> tuple[list[Sheet], list[RecordingError]]:
-    """Return the tables that can be read, and why others beside them cannot.
-
-    Raises
-    ------
-    RecordingError
-        If none can be read.
-    """
-    found: list[Sheet] = []
-    errors: list[RecordingError] = []
-    files = tables_in(path)
-    for k, file in enumerate(files):
-        progress("read tables", k / len(files))
-        try:
-            found.append(read_sheet(file))
-        except RecordingError as error:
-            errors.append(error)
-    if errors and not found:
-        raise errors[0]
-    return found, errors
 
 
 # ---- trying
@@ -491,7 +474,9 @@ def _options(sheets: list[Sheet], one: _Try) -> list[_Option]:
                 imu |= {"time": time} if time else {}
                 imu["rate"] = text_of(sheet, one.device.rate.places, "rate", unit)
                 imu["acceleration"] = text_of(sheet, one.device.force.places, "acceleration", force_unit)
-                references = [_reference(sheets, one, pose_time) for pose_time in one.pose_times or ("",)]
+                references = [
+                    _reference(sheets, one.attitude, one.fit, pose_time) for pose_time in one.pose_times or ("",)
+                ]
                 out += [_Option(imu, reference, _why(one)) for reference in references]
     return out
 
@@ -528,16 +513,15 @@ def _rate_units(one: _Try, imu: ImuSamples | None, sheet: Sheet) -> list[str]:
     return ["deg/s"] if largest > _FASTEST_TURN else ["rad/s", "deg/s"]
 
 
-def _reference(sheets: list[Sheet], one: _Try, time: str) -> dict[str, str]:
+def _reference(sheets: list[Sheet], attitude: Attitude | None, fit: Fit, time: str) -> dict[str, str]:
     """Return the entries of the reference."""
-    attitude = one.attitude
     if attitude is None:
         return {}
     sheet = sheets[attitude.group.sheet]
     out = {"file": sheet.source.name}
     out |= {"time": time} if time else {}
     if attitude.position is not None:
-        out["position"] = text_of(sheet, attitude.position.places, "length", _length_unit(sheet, attitude, one.fit))
+        out["position"] = text_of(sheet, attitude.position.places, "length", _length_unit(sheet, attitude, fit))
     unit = attitude.unit if attitude.form.startswith(("euler", "kuka", "rotation")) else None
     columns = text_of(sheet, attitude.places, "angle", unit, attitude.signs)
     out["orientation"] = f"{attitude.form}: {columns}"

@@ -92,7 +92,8 @@ def check_stamps(stream: Rows, what: str) -> None:
         raise fault(
             source,
             f"{same.size} of {stamps.size} stamps repeat the one before: they have lost their last digits, as when "
-            "seconds or milliseconds were rounded; write them with all digits",
+            "seconds or milliseconds were rounded (write them with all digits), or rows of several sensors or bodies "
+            "stand in one file (write those of each into its own)",
             stream.row_of(int(same[0]) + 1),
         )
     if same.size:

@@ -1,5 +1,7 @@
 """Rates and accelerations in files of their own, as apps on phones write them."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -85,3 +87,15 @@ def test_the_counter_of_xsens_is_known_by_its_name(tmp_path):
     text = proposed(tmp_path)
     assert 'time = "SampleTimeFine [10000 Hz]"' in text
     assert "SampleTimeFine [ms]" not in text
+
+
+def test_orientations_beside_them_are_shown_as_a_comment(tmp_path):
+    write(tmp_path)
+    t = np.arange(0.0, 20.0, 0.02)
+    rows = [f"{s:.3f},{np.sin(s):.6f},0.5,{0.1 * s:.6f},{np.cos(0.1 * s):.9f},{np.sin(0.1 * s):.9f},0.0,0.0" for s in t]
+    (tmp_path / "mocap.csv").write_text("\n".join(["t [s],x,y,z,qw,qx,qy,qz", *rows]) + "\n")
+    text = proposed(tmp_path)
+    assert '\n# orientation = "quaternion wxyz: qw, qx, qy, qz"' in text
+    assert load(tmp_path).reference is None
+    own = text[text.index("# [columns.reference]") :].replace("# ", "")
+    assert tomllib.loads(own)["columns"]["reference"]["file"] == "mocap.csv"
