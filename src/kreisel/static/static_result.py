@@ -24,6 +24,7 @@ from kreisel.static.multi_position import StaticEstimate, estimate_static, part_
 from kreisel.static.rate_size import check_rate_size
 from kreisel.static.rest_problem import RestProblem, nuisance, raw_of
 from kreisel.static.rest_search import find_rests
+from kreisel.static.slow_ends import UNSURE, with_slow_ends
 from kreisel.static.slow_turn import common_turn, effect_of
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
 from kreisel.static.static_parts import Judged, budget_of, parts_of
@@ -169,6 +170,9 @@ def calibrate_static(
     imu, spikes = without_spikes(recording.imu)
     imu, counts = in_quantities(imu, site.gravity)
     rests = find_rests(imu)
+    lacking = 0.0
+    if rests.silent:
+        imu, lacking = with_slow_ends(imu)
     if counts is None:
         check_rate_size(imu, rests)
     problem = RestProblem(imu, raw_of(imu), rests, site, constant_offsets=constant_offsets)
@@ -179,15 +183,21 @@ def calibrate_static(
     silent = [DataWarning("standstills", SILENT)] if rests.silent else []
     left = [DataWarning("imu", _SPIKES.format(count=spikes))] if spikes else []
     said = (*recording.warnings, *chosen.warnings, *left, *clipped, *silent, *(of_gravity or known))
-    return concluded(recording, replace(chosen, warnings=said), only, progress, began)
+    return concluded(recording, replace(chosen, warnings=said), only, progress, began, lacking)
 
 
 def concluded(
-    recording: Recording, chosen: Chosen, only: str | None, progress: Progress | None, began: float
-) -> StaticOutcome:
+    recording: Recording, chosen: Chosen, only: str | None, progress: Progress | None, began: float,
+    lacking: float = 0.0,
+) -> StaticOutcome:  # fmt: skip
     """Return the estimate by a method, with account of uncertainty, verdict and result.
 
-    began: `time.perf_counter()` at the beginning.
+    Parameters
+    ----------
+    began
+        `time.perf_counter()` at the beginning.
+    lacking
+        Share of turns that was restored, of a device that sets its rates to zero.
 
     Raises
     ------
@@ -205,7 +215,7 @@ def concluded(
     own = found.problem.reported
     turning, vertical = common_turn(rests), vertical_turn(found)
     contributions = [
-        *_contributions(found, walked, most, chosen),
+        *_contributions(found, walked, most, UNSURE * lacking, chosen),
         Contribution("standstills that turn", Source.MISFIT, effect_of(turning, found)),
         Contribution("what turns about the vertical", Source.MISFIT, effect_of_vertical(vertical, found)),
     ]
@@ -290,10 +300,12 @@ def _check_axes(found: StaticEstimate) -> None:
         raise RecordingError(wrong + chips, file=problem.imu.source)
 
 
-def _contributions(found: StaticEstimate, walked: Array, lost: float, chosen: Chosen) -> list[Contribution]:
+def _contributions(
+    found: StaticEstimate, walked: Array, lost: float, lacking: float, chosen: Chosen
+) -> list[Contribution]:  # fmt: skip
     """Return what the estimate does not know.
 
-    walked: see `_walked`; lost: share of samples by which turns are too small.
+    walked: see `_walked`; lost, lacking: shares by which turns may be too small, for samples and for slow ends.
     """
     scale = found.parameters.sensors.K_omega.ravel()
     d = found.problem.layout["gyro_cross_coupling"]
@@ -301,6 +313,7 @@ def _contributions(found: StaticEstimate, walked: Array, lost: float, chosen: Ch
         Contribution("offsets walk", Source.MISFIT, np.diag(np.sqrt(walked))),
         Contribution("undecided error terms", Source.EFFECTS, found.undecided),
         Contribution("lost samples", Source.CLOCKS, along(walked.size, d, lost * scale)),
+        Contribution("rates set to zero", Source.MISFIT, along(walked.size, d, lacking * scale)),
         Contribution("whose seconds are true", Source.CLOCKS, along(walked.size, d, chosen.time_base_sd * scale)),
         Contribution("the robot's frames", Source.ROBOT, _turned(found, chosen)),
     ]
