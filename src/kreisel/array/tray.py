@@ -310,6 +310,7 @@ class _Tray:
         left_out: dict[str, str] = {}
         own = resampled(base.imu, Clock(0.0), times)
         rows = BaseRows.of(own, times)
+        seen: dict[int, str] = {}
         for group in _groups(names):
             if progress is not None:
                 progress("bring units together", names.index(group[0]) / len(names))
@@ -318,9 +319,14 @@ class _Tray:
             ):
                 if isinstance(found, str):
                     left_out[name] = found
-                else:
-                    units[name], readings = found
-                    mean.add(units[name], readings)
+                    continue
+                of_readings = hash(read(name).imu.rates.tobytes())
+                other = seen.setdefault(of_readings, name)
+                if other != name:
+                    left_out[name] = f"holds the readings of {other}: check how the files were written"
+                    continue
+                units[name], readings = found
+                mean.add(units[name], readings)
         if len(units) < 2:
             raise RecordingError(
                 f"no other IMU moves with {names[0]}: {in_words(left_out)}; choose one with --imu", file=base.path

@@ -125,6 +125,16 @@ def test_a_unit_whose_clock_jumps_is_named_and_does_not_spoil_the_others():
 
 
 @pytest.mark.slow
+def test_a_copy_of_another_units_readings_counts_once():
+    other = tray()["imu1"][1].imu
+    recordings = {name: recording for name, (_, recording) in tray().items()}
+    recordings[FAULTY] = replace(recordings[FAULTY], imu=other)
+    outcome = calibrate_tray(recordings.__getitem__, NAMES, CalibrationSettings())
+    assert dict(outcome.left_out)[FAULTY].startswith("holds the readings of imu1")
+    assert [unit.name for unit in outcome.units] == [name for name in NAMES if name != FAULTY]
+
+
+@pytest.mark.slow
 def test_a_clock_that_is_three_percent_fast_makes_no_unit_the_longest():
     units, worst = calibrated(lambda imu: replace(imu, stamps_ns=np.round(1.03 * imu.stamps_ns).astype(np.int64)))
     assert all(unit.calibration.accepted for unit in units.values())
