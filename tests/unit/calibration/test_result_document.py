@@ -126,7 +126,12 @@ def test_incomplete_files_are_refused(calibration, tmp_path, change, says):
 
 
 def test_a_file_with_the_parameters_alone_is_enough():
-    table = {"cross_coupling": np.eye(3).tolist(), "offset": [0, 0, 0], "lever_arms": np.zeros((3, 3)).tolist()}
-    parts = from_document({"gyroscope": table, "accelerometer": table, "verdict": {"accepted": True}})
+    gyro = {"cross_coupling": np.eye(3).tolist(), "offset": [0, 0, 0]}
+    accel = {**gyro, "lever_arms": np.zeros((3, 3)).tolist()}
+    parts = from_document({"gyroscope": gyro, "accelerometer": accel, "verdict": {"accepted": True}})
     assert np.isnan(parts.sensor_sd.K_a).all()
     assert to_document(parts)["standard_deviation"]["gyroscope"]["offset"] == [None] * 3
+    with pytest.raises(ValueError, match="accelerometer.cube is no entry that this version knows"):
+        from_document(
+            {"gyroscope": gyro, "accelerometer": {**accel, "cube": [0, 0, 1e-6]}, "verdict": {"accepted": True}}
+        )
