@@ -28,6 +28,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block, corrected
 from kreisel.inertial.counts import Counts
 from kreisel.inertial.sensor_model import SizeEffect
+from kreisel.model.parameters import check_known
 
 RESULT_FILES = ("calibration.yaml", "report.html", "estimates.csv", "covariance.npz", "robot_calibrated.urdf")
 """Files of a result; all of them belong to one recording."""
@@ -256,6 +257,7 @@ def _read_parts(file: Path) -> CalibrationParts:
         raise RecordingError(f"schema is {named}, expected '{READ[-1]}' or '{READ[0]}'", file=file)
     try:
         check_entries(document)
+        check_known(document)
         parts = from_document(document)
         return replace(parts, derived=of_parameters(parts.derived, parts.sensors))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:

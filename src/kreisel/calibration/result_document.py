@@ -101,7 +101,6 @@ def from_document(document: Mapping[str, Any]) -> CalibrationParts:
     KeyError, TypeError, ValueError
         If an entry is missing or has another type; the message names it.
     """
-    _check_entries(document)
     sd = _table(document, "standard_deviation")
     others = _others(document, sd)
     own = {g: others[path].value.ravel() for g in SENSOR_GROUPS if (path := group_named(g).path) in others}
@@ -143,15 +142,6 @@ def _along_own_axes(derived: Mapping[str, Measured], sensors: SensorParameters) 
 
 
 # Sensors, clocks and directions
-
-
-def _check_entries(document: Mapping[str, Any]) -> None:
-    """Raise a ValueError for an entry of a sensor that is not known: readings would be corrected without it."""
-    known = {group_named(group).path for group in SENSOR_GROUPS}
-    for sensor in ("gyroscope", "accelerometer"):
-        for name in document[sensor]:
-            if f"{sensor}.{name}" not in known:
-                raise ValueError(f"{sensor}.{name} is no entry that this version knows")
 
 
 def _sensor_tables(p: SensorParameters) -> dict[str, dict[str, Any]]:

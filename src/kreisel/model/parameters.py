@@ -18,6 +18,23 @@ GROUPS = {group.name: group.meaning for group in REGISTRY}
 SENSOR_GROUPS = tuple(group.name for group in REGISTRY if group.is_sensor)
 """Groups every sensor parameter belongs to. They come first in the state; see `kalman.kernel_inputs`."""
 
+_OF_SENSORS = {group_named(name).path for name in SENSOR_GROUPS}
+
+
+def check_known(tables: Mapping[str, Mapping[str, object]]) -> None:
+    """Raise an error for an entry of a sensor's table that is not known: readings would be corrected without it.
+
+    Raises
+    ------
+    ValueError
+        With its name.
+    """
+    for sensor in ("gyroscope", "accelerometer"):
+        for name in tables[sensor]:
+            if f"{sensor}.{name}" not in _OF_SENSORS:
+                raise ValueError(f"{sensor}.{name} is no entry that this version knows")
+
+
 PASSING_GROUPS = tuple(group.name for group in REGISTRY if group.passing)
 """Groups that change within seconds: noise with a memory."""
 

@@ -15,6 +15,7 @@ from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_document import from_document, to_document
 from kreisel.errors import RecordingError
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.parameters import check_known
 from kreisel.simulation.cell import simulate as simulate_cell
 from kreisel.simulation.cell_settings import Cell
 
@@ -131,7 +132,10 @@ def test_a_file_with_the_parameters_alone_is_enough():
     parts = from_document({"gyroscope": gyro, "accelerometer": accel, "verdict": {"accepted": True}})
     assert np.isnan(parts.sensor_sd.K_a).all()
     assert to_document(parts)["standard_deviation"]["gyroscope"]["offset"] == [None] * 3
-    with pytest.raises(ValueError, match="accelerometer.cube is no entry that this version knows"):
-        from_document(
-            {"gyroscope": gyro, "accelerometer": {**accel, "cube": [0, 0, 1e-6]}, "verdict": {"accepted": True}}
-        )
+
+
+def test_an_entry_of_a_sensor_that_is_not_known_is_refused():
+    table = {"cross_coupling": [], "offset": [], "g_sensitivity": []}
+    check_known({"gyroscope": table, "accelerometer": {"delay": 0.0}})
+    with pytest.raises(ValueError, match=r"accelerometer\.cube is no entry that this version knows"):
+        check_known({"gyroscope": table, "accelerometer": {"cube": 0.0}})
