@@ -12,7 +12,7 @@ from kreisel.recording.recording import ImuSamples
 from kreisel.validation.masking import CHANNELS
 
 _MOST = 6
-"""Sensors that are looked for. Chosen: as many as a hand can wear; more are rather told by stamps that repeat."""
+"""Sensors that are looked for. Chosen: as many as a hand can wear; stamps that repeat show more."""
 
 _BLOCK, _FEW, _MANY = 240, 8, 40
 """Rows that are compared, a multiple of all numbers of sensors, and blocks of them at least and at most. Chosen:
