@@ -173,7 +173,7 @@ def gravity_removed(r):
     return imu(r, accelerations=np.diff(r.imu.accelerations, axis=0, append=0.0))
 
 
-@refused("imu0/data.csv, line 1", "gravity instead of specific force", "Change the sign")
+@refused("imu0/data.csv, line 1", "gravity instead of specific force", "change the sign of all three", "left-handed")
 def gravity_for_specific_force(r):
     return imu(r, accelerations=-r.imu.accelerations)
 
