@@ -40,6 +40,9 @@ cheapest gyros change by less after a calibration, and a mount is turned by more
 _LEAST = 0.2
 """Noise at standstills over that by third differences, at least. Chosen: noise with memory has a third."""
 
+_ENOUGH = 100
+"""Samples by which noise is known to a tenth."""
+
 SENSORS = ("gyro", "accel")
 
 
@@ -89,8 +92,9 @@ class UnitReadings:
         read, counts = (raw.rates, raw.accelerations), calibration.counts
         read = read if counts is None else counts.in_si(*read)
         matrices = (calibration.sensors.K_omega, calibration.sensors.K_a)
+        shown = ~silenced if np.count_nonzero(~silenced) >= _ENOUGH else slice(None)
         noise = [
-            np.sqrt(raw.interval * np.mean(K**2 @ white_noise(part[~silenced]) ** 2))
+            np.sqrt(raw.interval * np.mean(K**2 @ white_noise(part[shown]) ** 2))
             for K, part in zip(matrices, read, strict=True)
         ]
         imu = ImuSamples(raw.stamps_ns, omega, f, raw.source)
