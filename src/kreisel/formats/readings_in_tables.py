@@ -16,6 +16,7 @@ from kreisel.formats.time_columns import called
 from kreisel.geometry.rotation import Array, lengths
 from kreisel.recording.header import UNITS
 from kreisel.units import DEG, STANDARD_GRAVITY
+from kreisel.validation.empty_rows import all_alike
 
 _GRAVITY_UNITS = ("m/s^2", "g", "mg", "cm/s^2")
 _NOT_IN_GAL = 990.0
@@ -302,11 +303,11 @@ def _readings(sheets: Sequence[Sheet], group: Group) -> Iterator[Attitude]:
     if len(values) < 20 or not np.ptp(values, axis=0).max() > 0.0:
         return
     if group.quantity == "quaternion":
-        length = lengths(values[~(values == values[:, :1]).all(axis=1)])  # four equal numbers mark what was lost
+        length = lengths(values[~all_alike(values)])
         if np.percentile(np.abs(length[length > 0.5] - 1.0), 95) < _UNIT_LENGTH if (length > 0.5).any() else False:
             yield from _quaternions(group)
     elif group.quantity == "matrix":
-        C = values[~(values == values[:, :1]).all(axis=1)][::37].reshape(-1, 3, 3)  # nine zeros mark what was lost
+        C = values[~all_alike(values)][::37].reshape(-1, 3, 3)
         if not len(C):
             return
         if np.abs(C @ np.swapaxes(C, 1, 2) - np.eye(3)).max() < _ORTHOGONAL:
@@ -399,8 +400,8 @@ def _finite(sheet: Sheet, places: Sequence[int]) -> Array:
 
 def values_of(sheet: Sheet, one: Attitude) -> tuple[str, Array]:
     """Return form and numbers of orientations, angles in rad; NaN where all are the same, which mark what was lost."""
-    values = numbers(sheet, one.places) * np.array(one.signs, dtype=np.float64)
+    raw = numbers(sheet, one.places)
+    values = raw * np.array(one.signs, dtype=np.float64)
     if len(one.places) > 3:
-        raw = numbers(sheet, one.places)
-        values[(raw == raw[:, :1]).all(axis=1)] = np.nan
+        values[all_alike(raw)] = np.nan
     return one.form, values * (DEG if one.unit == "deg" else 1.0)

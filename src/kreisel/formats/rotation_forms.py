@@ -8,6 +8,7 @@ import numpy as np
 
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.geometry.rotation import Array, exp, from_matrix, multiply
+from kreisel.validation.empty_rows import all_alike
 
 FORMS = (
     "quaternion wxyz", "quaternion xyzw", "euler ZYX", "euler xyz", "kuka abc", "rotation vector", "matrix",
@@ -66,7 +67,7 @@ def quaternions_of(form: str, values: Array) -> Array:
         return np.roll(values, 1, axis=1)
     good = np.isfinite(values).all(axis=1)
     if "matrix" in form:
-        good &= (values != values[:, :1]).any(axis=1)
+        good &= ~all_alike(values)
     out = np.full((len(values), 4), np.nan)
     out[good] = _converted(form, values[good])
     return out

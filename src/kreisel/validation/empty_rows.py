@@ -101,7 +101,7 @@ def _poses_without(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarn
         if zeros.any():
             lost.append(_Lost(zeros, "with a quaternion of zeros, as is written where tracking was lost"))
             gone |= zeros
-        marks = (q == q[:, :1]).all(axis=1) & (np.abs(q[:, 0]) > 1.0) & ~gone
+        marks = all_alike(q) & (np.abs(q[:, 0]) > 1.0) & ~gone
         if marks.any():
             lost.append(_Lost(marks, f"with a quaternion of four times {q[marks][0, 0]:g}, a mark of lost tracking"))
             gone |= marks
@@ -110,6 +110,11 @@ def _poses_without(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarn
         lost.append(_Lost(filled, "with a position of zeros without rotation, to which the pose jumps"))
     keep = _kept(poses, lost, "poses", MAX_POSES)
     return poses if keep is None else poses.part(keep), _warnings(poses, lost, "poses")
+
+
+def all_alike(values: Array) -> Mask:
+    """Return which rows (n, k) hold one number k times, as zeros or -9999 for a rotation that was not tracked."""
+    return np.asarray((values == values[:, :1]).all(axis=1))
 
 
 def _filled(poses: ReferencePoses, gone: Mask) -> Mask:

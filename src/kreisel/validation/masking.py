@@ -139,6 +139,27 @@ class _Chunk:
         return out
 
     @cached_property
+    def whole_steps(self) -> tuple[Mask, Mask]:
+        """The steps over the whole range, (n - 1, 6): those of readings that wrap round, and others.
+
+        Readings wrap round between the ends of a range that is symmetric, or begins at zero, and go on evenly.
+        """
+        _, large, spikes = self.large_steps
+        none = np.zeros(large.shape, dtype=bool)
+        if not large.any():
+            return none, none
+        values, steps = self.values, self.steps
+        found = large & (steps > 0.9 * np.ptp(values, axis=0))
+        found &= ~spikes[:-1] & ~spikes[1:]
+        found[-1] &= self.last  # the next chunk shows whether it comes back
+        between = values[1:] + values[:-1]
+        ends = np.abs(np.where(values.min(axis=0) < 0.0, between, between - steps)) < _ENDS * steps
+        even = np.ones(large.shape, dtype=bool)
+        even[1:] &= ~large[:-1]
+        even[:-1] &= ~large[1:]
+        return found & ends & even, found & ~(ends & even)
+
+    @cached_property
     def stays(self) -> tuple[tuple[str, float, slice, str], ...]:
         """Channels that stay the same while the others change."""
         return tuple(_stays(self))
@@ -427,33 +448,12 @@ def _spikes(chunk: _Chunk) -> Iterator[_Fault]:
 
 def _wrapped(chunk: _Chunk) -> Iterator[_Fault]:
     """Yield channels that overflow their range and wrap round."""
-    yield from _steps(chunk, _whole_steps(chunk)[0], chunk.large_steps[0], _WHOLE_STEP)
+    yield from _steps(chunk, chunk.whole_steps[0], chunk.large_steps[0], _WHOLE_STEP)
 
 
 def _disturbed(chunk: _Chunk) -> Iterator[_Fault]:
     """Yield channels that jump to and fro for more samples than a spike has."""
-    yield from _steps(chunk, _whole_steps(chunk)[1], chunk.large_steps[0], _WHOLE_STEP)
-
-
-def _whole_steps(chunk: _Chunk) -> tuple[Mask, Mask]:
-    """Return the steps over the whole range, (n - 1, 6): those of readings that wrap round, and others.
-
-    Readings wrap round between the ends of a range that is symmetric, or begins at zero, and go on evenly.
-    """
-    _, large, spikes = chunk.large_steps
-    none = np.zeros(large.shape, dtype=bool)
-    if not large.any():
-        return none, none
-    values = chunk.values
-    found = large & (chunk.steps > 0.9 * np.ptp(values, axis=0))
-    found &= ~spikes[:-1] & ~spikes[1:]
-    found[-1] &= chunk.last  # the next chunk shows whether it comes back
-    between = values[1:] + values[:-1]
-    ends = np.abs(np.where(values.min(axis=0) < 0.0, between, between - chunk.steps)) < _ENDS * chunk.steps
-    even = np.ones(large.shape, dtype=bool)
-    even[1:] &= ~large[:-1]
-    even[:-1] &= ~large[1:]
-    return found & ends & even, found & ~(ends & even)
+    yield from _steps(chunk, chunk.whole_steps[1], chunk.large_steps[0], _WHOLE_STEP)
 
 
 def _steps(chunk: _Chunk, found: Mask, usual: Array, kind: str) -> Iterator[_Fault]:
