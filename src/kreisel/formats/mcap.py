@@ -60,6 +60,7 @@ _NO_EFFORT = np.zeros(0)
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)  # w, x, y, z; not used by readers, because there is no orientation
 
 _RECORD_HEAD = struct.Struct("<BQ")
+_FOOTER = struct.Struct("<QQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
 _MOST_OF_A_DEFINITION = 1 << 22
@@ -285,7 +286,7 @@ def check_magic(start: bytes, path: Path) -> None:
         )
 
 
-class _BrokenRecordError(Exception):
+class BrokenRecordError(Exception):
     """A record that goes beyond the end of the file or chunk that holds it."""
 
     def __init__(self, offset: int, opcode: int, beginning: bytes) -> None:
@@ -293,17 +294,17 @@ class _BrokenRecordError(Exception):
         super().__init__(f"broken record at byte {offset}")
 
 
-def _records(stream: BinaryIO, size: int, read: Collection[int] = _READ) -> Iterator[tuple[int, int, bytes]]:
+def records_of(stream: BinaryIO, size: int, read: Collection[int] = _READ) -> Iterator[tuple[int, int, bytes]]:
     """Yield offset, opcode and content of the records; contents that are not used stay empty."""
     while (start := stream.tell()) < size:
         head = stream.read(_RECORD_HEAD.size)
         if len(head) < _RECORD_HEAD.size:
-            raise _BrokenRecordError(start, 0, b"")
+            raise BrokenRecordError(start, 0, b"")
         opcode, length = _RECORD_HEAD.unpack(head)
         end = start + _RECORD_HEAD.size + length
         # A zero is not an opcode; file systems leave zeros after a loss of power.
         if opcode == 0 or end > size:
-            raise _BrokenRecordError(start, opcode, stream.read(16))
+            raise BrokenRecordError(start, opcode, stream.read(16))
         if opcode in read:
             yield start, opcode, stream.read(min(length, MAX_CHUNK + 1))
         else:
@@ -332,12 +333,12 @@ class McapScan:
         """Read all records up to the footer, or to where the file breaks."""
         self._budget = Budget(size)
         try:
-            for offset, opcode, content in _records(stream, size):
+            for offset, opcode, content in records_of(stream, size):
                 if opcode == Opcode.FOOTER:
                     return
                 self._try(offset, opcode, content)
-        except _BrokenRecordError as broken:
-            self._lost.append(_cut(broken, size))
+        except BrokenRecordError as broken:
+            self._lost.append(cut_text(broken, size))
         else:
             self._lost.append("it ends without a footer, as after a recorder was stopped; the end is missing")
 
@@ -353,11 +354,11 @@ class McapScan:
         self._budget = Budget(size - offset)
         stream.seek(offset)
         try:
-            for start, opcode, content in _records(stream, size):
+            for start, opcode, content in records_of(stream, size):
                 if opcode == Opcode.FOOTER:
                     return start, False
                 self._try(start, opcode, content)
-        except _BrokenRecordError as broken:
+        except BrokenRecordError as broken:
             return broken.offset, True
         return size, True
 
@@ -376,7 +377,7 @@ class McapScan:
     def _take_chunk(self, content: bytes) -> None:
         chunk = Chunk.read(record_stream(content))
         data = chunk_content(chunk.data, chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc)
-        for _, opcode, inner in _records(BytesIO(data), len(data)):
+        for _, opcode, inner in records_of(BytesIO(data), len(data)):
             self._take(opcode, inner)
 
     def _take(self, opcode: int, content: bytes) -> None:
@@ -521,17 +522,17 @@ def bounded_records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
     """
     check_magic(stream.read(len(MCAP0_MAGIC)), Path(getattr(stream, "name", "")))
     try:
-        for _, opcode, content in _records(stream, size, _READ | {Opcode.ATTACHMENT}):
+        for _, opcode, content in records_of(stream, size, _READ | {Opcode.ATTACHMENT}):
             if opcode == Opcode.FOOTER:
                 return
             if opcode == Opcode.CHUNK:
                 chunk = Chunk.read(record_stream(within(content)))
                 data = chunk_content(chunk.data, chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc)
-                yield from ((inner, part) for _, inner, part in _records(BytesIO(data), len(data)))
+                yield from ((inner, part) for _, inner, part in records_of(BytesIO(data), len(data)))
             else:
                 yield opcode, within(content)
-    except _BrokenRecordError as broken:
-        raise ValueError(_cut(broken, size)) from broken
+    except BrokenRecordError as broken:
+        raise ValueError(cut_text(broken, size)) from broken
 
 
 def record_stream(content: bytes) -> ReadDataStream:
@@ -539,10 +540,22 @@ def record_stream(content: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(content))
 
 
-def _cut(broken: _BrokenRecordError, size: int) -> str:
+def cut_text(broken: BrokenRecordError, size: int) -> str:
+    """Return the sentence for a file that cannot be read further."""
     span = _span(broken.beginning) if broken.opcode == Opcode.CHUNK else ""
     left = size - broken.offset
     return f"it is cut or damaged at byte {broken.offset} of {size}; the last {left} bytes are lost{span}"
+
+
+def summary_start(stream: BinaryIO, size: int) -> int | None:
+    """Return where the summary of a file begins, by its footer; None if it has none."""
+    end = _RECORD_HEAD.size + _FOOTER.size + len(MCAP0_MAGIC)
+    if size < 2 * end:
+        return None
+    stream.seek(size - end)
+    opcode, _ = _RECORD_HEAD.unpack(stream.read(_RECORD_HEAD.size))
+    start, _, _ = _FOOTER.unpack(stream.read(_FOOTER.size))
+    return start if opcode == Opcode.FOOTER and 0 < start < size - end else None
 
 
 def _span(beginning: bytes) -> str:

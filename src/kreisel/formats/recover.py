@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import struct
 from collections import defaultdict
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +16,29 @@ from mcap.writer import CompressionType, Writer
 
 from kreisel._version import __version__
 from kreisel.errors import RecordingError
-from kreisel.formats.mcap import CHUNK_SIZE, McapScan, check_magic, record_stream
+from kreisel.formats.budget import Budget
+from kreisel.formats.mcap import (
+    CHUNK_SIZE,
+    BrokenRecordError,
+    McapScan,
+    check_magic,
+    cut_text,
+    record_stream,
+    records_of,
+    summary_start,
+)
+
+_HEAD = struct.Struct("<BQ")
+"""Opcode of a record and length of its content."""
+
+_KINDS = tuple(struct.pack("<I", len(name)) + name for name in (b"zstd", b"lz4"))
+"""Name of a chunk's compression, as it lies in a chunk."""
+
+_BEFORE_KIND = _HEAD.size + 28
+"""Bytes of a chunk before it: the head, two times, a size and a checksum."""
+
+_PART = 1 << 20
+"""Bytes that are searched at once."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +98,48 @@ class _Copy(McapScan):
         """Duration of the messages on the host's clock, s."""
         return 0.0 if self._first is None else (self._last - self._first) * 1e-9
 
+    def read(self, stream: BinaryIO, size: int) -> None:
+        """Copy all records; where the file is damaged, from the next chunk on.
+
+        The definitions of the summary come first: the chunk that holds them may be damaged.
+        """
+        begin = stream.tell()
+        self._budget = Budget(2 * size)
+        start = summary_start(stream, size)
+        if start is not None:
+            with suppress(BrokenRecordError):
+                stream.seek(start)
+                for offset, opcode, content in records_of(stream, size):
+                    if opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                        self._try(offset, opcode, content)
+        self._lost.clear()
+        following: int | None = begin
+        while following is not None:
+            following = self._read_from(stream, following, size)
+
+    def _read_from(self, stream: BinaryIO, begin: int, size: int) -> int | None:
+        """Copy the records from an offset on; return the offset at which to go on after damage."""
+        stream.seek(begin)
+        try:
+            for offset, opcode, content in records_of(stream, size):
+                if opcode == Opcode.FOOTER:
+                    return None
+                faults = len(self._lost)
+                self._try(offset, opcode, content)
+                damaged = len(self._lost) > faults and opcode == Opcode.CHUNK
+                if damaged and not _is_record(stream, offset + _HEAD.size + len(content), size):
+                    return _next_chunk(stream, offset + _HEAD.size, size)
+        except BrokenRecordError as broken:
+            following = _next_chunk(stream, broken.offset + 1, size)
+            if following is None:
+                self._lost.append(cut_text(broken, size))
+            else:
+                span = f"{following - broken.offset} bytes from byte {broken.offset} on"
+                self._lost.append(f"it is damaged: {span} are lost")
+            return following
+        self._lost.append("it ends without a footer, as after a recorder was stopped; the end is missing")
+        return None
+
     def finish(self) -> None:
         """Write the index."""
         self._writer.finish()  # type: ignore[no-untyped-call]
@@ -104,3 +170,35 @@ class _Copy(McapScan):
         schema: Schema | None = self._schemas.get(channel.schema_id)
         number = 0 if schema is None else self._writer.register_schema(schema.name, schema.encoding, schema.data)
         return self._writer.register_channel(channel.topic, channel.message_encoding, number, channel.metadata)
+
+
+def _is_record(stream: BinaryIO, offset: int, size: int) -> bool:
+    """Return whether a record that the format knows may begin at an offset."""
+    stream.seek(offset)
+    head = stream.read(_HEAD.size)
+    if len(head) < _HEAD.size:
+        return False
+    opcode, length = _HEAD.unpack(head)
+    return opcode in set(Opcode) and offset + _HEAD.size + length <= size
+
+
+def _next_chunk(stream: BinaryIO, begin: int, size: int) -> int | None:
+    """Return the offset of the first compressed chunk from an offset on; None if there is none."""
+    overlap = _BEFORE_KIND + max(map(len, _KINDS))
+    for at in range(begin, size, _PART):
+        stream.seek(at)
+        part = stream.read(_PART + overlap)
+        found = [offset for kind in _KINDS for offset in _chunks(part, kind)]
+        fitting = sorted(offset for offset in found if _is_record(stream, at + offset, size))
+        if fitting:
+            return at + fitting[0]
+    return None
+
+
+def _chunks(part: bytes, kind: bytes) -> Iterator[int]:
+    """Yield where chunks of a compression may begin."""
+    found = part.find(kind)
+    while found >= 0:
+        if found >= _BEFORE_KIND and part[found - _BEFORE_KIND] == Opcode.CHUNK:
+            yield found - _BEFORE_KIND
+        found = part.find(kind, found + 1)
