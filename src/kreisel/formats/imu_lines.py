@@ -64,6 +64,7 @@ class ImuLines:
         self._left = b""
         self._line = 1
         self._last: int | None = None
+        self._unreadable: RecordingError | None = None
         self.notes: list[DataWarning] = []
         self.header: tuple[str, str] | None = None
 
@@ -73,8 +74,11 @@ class ImuLines:
         Raises
         ------
         RecordingError
-            If the header or a row cannot be read; it names the line.
+            If the header or a row cannot be read; it names the line. The rows before it are returned first: then the
+            next call raises.
         """
+        if self._unreadable is not None:
+            raise self._unreadable
         data = self._left + data
         if b"\r" in data:  # a last one may be half of a line end
             data = data[:-1].replace(b"\r\n", b"\n").replace(b"\r", b"\n") + data[-1:]
@@ -83,7 +87,7 @@ class ImuLines:
         self._left = data[cut:]
         if len(self._left) > _LONGEST:
             raise self._fault(f"a line of more than {_LONGEST} bytes; expected one row of numbers in each")
-        return self._rows(data[:cut]) if cut else None
+        return self._readable(data[:cut]) if cut else None
 
     @property
     def ends_with_return(self) -> bool:
@@ -96,11 +100,25 @@ class ImuLines:
         Raises
         ------
         RecordingError
-            If there was no header.
+            If there was no header, or for a row that `feed` could not read.
         """
+        if self._unreadable is not None:
+            raise self._unreadable
         if not self._columns:
             raise self._fault(f"is empty; expected IMU readings as CSV with the header {_EXPECTED}")
         return self._left.decode(errors="replace").strip() or None
+
+    def _readable(self, text: bytes) -> ImuRows | None:
+        """Return the rows of a text, or those before one that cannot be read."""
+        begin, last = self._line, self._last
+        try:
+            return self._rows(text)
+        except RecordingError as error:
+            before = b"".join(text.splitlines(keepends=True)[: max((error.line or 0) - begin, 0)])
+            if before.count(b"\n") <= (begin == 1):  # not more than the header
+                raise
+            self._line, self._last, self._unreadable = begin, last, error
+            return self._rows(before)
 
     def _rows(self, text: bytes) -> ImuRows | None:
         begin, self._line = self._line, self._line + text.count(b"\n")
