@@ -8,6 +8,7 @@ standstill, however large they were, say nothing of the offsets with which it re
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import erf
 
 import numpy as np
 
@@ -24,6 +25,13 @@ _FINER, _OFTEN = 3.0, 0.05
 
 _NEAR = 0.5
 """Steps between the means of two standstills up to which they err alike."""
+
+ZEROS = 0.01
+"""Share of zeros at a standstill from which on its mean is about zero."""
+
+_LEAST, _SCORINGS, _MOST = 0.2, 40, 0.3
+"""Least noise, in steps, that shows where between two steps a mean is; times that it is improved, and by how many steps
+at most."""
 
 _NOISE = np.linspace(0.0, 1.0, 2001)
 """Variances of noise, over the square of a step, for which errors are tabulated."""
@@ -66,10 +74,65 @@ def rounding_variance(values: Array, parts: Sequence[tuple[int, int]], means: Ar
         if step == 0.0:
             continue
         spread = 0.0 if held else float(np.mean([part.var() for part in own]))
-        one = step**2 * float(np.interp(spread / step**2, _SPREAD, _ERROR, right=0.0))
-        alike = np.abs(means[:, None, axis] - means[None, :, axis]) < _NEAR * step
-        out[:, axis] = one * alike.sum(axis=1)
+        out[:, axis] = _error(step, spread) * alike(means[:, axis], step)
     return out
+
+
+def mean_of_truncated(values: Array, step: float) -> tuple[float, float]:
+    """Return the mean of white noise about a constant, of readings that were truncated to zero, and its variance.
+
+    The most likely one: about zero, two steps are one, so that the mean of the readings is not that of the noise.
+
+    Parameters
+    ----------
+    values : (n,)
+        As they were read.
+    step
+        Of the readings.
+
+    Notes
+    -----
+    By scoring, of the probabilities that Gaussian noise has of each step. If it does not carry readings from one step
+    to others, these do not show where between them the mean is.
+    """
+    steps, counts = np.unique(np.round(values / step), return_counts=True)
+    low, high = np.where(steps > 0.0, steps, steps - 1.0), np.where(steps < 0.0, steps, steps + 1.0)
+    plain = float(np.average(0.5 * (low + high), weights=counts))
+    unknown = step * plain, (2.0 * step) ** 2 / 12.0
+    x = np.array([plain, max(float(values.std()) / step, _LEAST)])
+    information = np.zeros((2, 2))
+    for _ in range(_SCORINGS):
+        a, b = (low - x[0]) / x[1], (high - x[0]) / x[1]
+        chance = np.maximum([0.5 * (erf(v) - erf(u)) for u, v in zip(a / 2**0.5, b / 2**0.5, strict=True)], 1e-12)
+        at = [np.exp(-0.5 * u**2) / (2.0 * np.pi) ** 0.5 for u in (a, b)]
+        slopes = np.stack([at[0] - at[1], a * at[0] - b * at[1]]) / x[1]
+        information = counts.sum() * (slopes / chance) @ slopes.T
+        if np.linalg.cond(information) > 1.0 / np.finfo(float).eps:
+            return unknown
+        move = np.linalg.solve(information, (slopes / chance) @ counts)
+        x = x + move / max(1.0, float(np.abs(move).max()) / _MOST)
+        if x[1] < _LEAST:
+            return unknown
+    variance = step**2 * float(np.linalg.inv(information)[0, 0])
+    return (step * float(x[0]), variance) if variance < unknown[1] else unknown
+
+
+def _error(step: float, spread: float) -> float:
+    """Return the variance of a mean by steps; spread: that of the readings."""
+    return step**2 * float(np.interp(spread / step**2, _SPREAD, _ERROR, right=0.0))
+
+
+def alike(means: Array, step: float) -> Array:
+    """Return how many of some means err as each does."""
+    return np.asarray((np.abs(means[:, None] - means[None, :]) < _NEAR * step).sum(axis=1))
+
+
+def steps_of(values: Array, parts: Sequence[tuple[int, int]]) -> Array:
+    """Return the steps of readings (n, 3), (3,); zero for a channel whose values lie close.
+
+    parts: first sample of each standstill, and the one after its last.
+    """
+    return np.array([_step(np.concatenate([own[a:b] for a, b in parts]), own) for own in values.T])
 
 
 def motion_noise_if_silent(rates: Array, parts: Sequence[tuple[int, int]]) -> Array | None:

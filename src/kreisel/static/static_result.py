@@ -29,6 +29,7 @@ from kreisel.static.slow_turn import common_turn, effect_of
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
 from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import LOST, SKIPPED, judge_static
+from kreisel.static.truncation import with_truncation
 from kreisel.static.vertical_turn import effect_of_vertical, vertical_turn
 from kreisel.units import MRAD
 from kreisel.validation.imu_checks import check_dead
@@ -207,6 +208,7 @@ def concluded(
     found = estimate_static(chosen.problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
     chosen, found = _skewed(chosen, found, progress)
     chosen, found = _with_play(chosen, found, progress)
+    chosen, found = with_truncation(chosen, found, progress)
     if chosen.counts is None:  # the sign of a count is a part of what is found
         _check_axes(found)
     rests = found.problem.rests

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kreisel.static.rounding import motion_noise_if_silent, rounding_variance
+from kreisel.static.rounding import mean_of_truncated, motion_noise_if_silent, rounding_variance
 
 N = 4000
 
@@ -81,3 +81,21 @@ def test_few_zeros_at_rest_are_not_those_of_a_silent_device():
     values = rng.normal(0.0, 0.1, (2 * N, 3))
     values[: N // 2] = 0.0
     assert motion_noise_if_silent(values, [(0, N)]) is None
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.3, 0.7, 1.1, -1.6])
+@pytest.mark.parametrize("noise", [0.6, 1.0, 2.0])
+def test_means_of_truncated_noise_err_as_their_variance_says(mean, noise):
+    rng = np.random.default_rng(5)
+    found = [mean_of_truncated(0.01 * np.trunc(mean + noise * rng.normal(size=500)), 0.01) for _ in range(200)]
+    errors = np.array([(one / 0.01 - mean) / np.sqrt(variance) * 0.01 for one, variance in found])
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(1.0, abs=0.17)
+    assert np.sqrt(found[0][1]) < 0.1 * 0.01
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.5, -0.9])
+def test_a_mean_that_noise_carries_over_no_step_is_unknown_between_them(mean):
+    rng = np.random.default_rng(6)
+    found, variance = mean_of_truncated(np.trunc(mean + 0.1 * rng.normal(size=500)), 1.0)
+    assert variance == pytest.approx(1.0 / 3.0)
+    assert abs(found - mean) < 2.0 * np.sqrt(variance)
