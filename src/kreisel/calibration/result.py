@@ -18,6 +18,7 @@ from kreisel.calibration.array_checks import elapsed_seconds, temperature_differ
 from kreisel.calibration.data_sheet import QUANTITIES, derive, of_parameters
 from kreisel.calibration.device_axes import NAMES, check_axes, clean, device_triads, expressed, with_vector
 from kreisel.calibration.result_document import READ, from_document, to_document
+from kreisel.calibration.result_form import check_form
 from kreisel.calibration.result_sections import CalibrationParts
 from kreisel.calibration.result_views import frame_of, html_of, text_of
 from kreisel.calibration.stream_correction import CorrectedStream
@@ -257,6 +258,7 @@ def _read_parts(file: Path) -> CalibrationParts:
         raise RecordingError(f"schema is {named}, expected '{READ[-1]}' or '{READ[0]}'", file=file)
     try:
         check_entries(document)
+        check_form(document)
         check_known(document)
         parts = from_document(document)
         return replace(parts, derived=of_parameters(parts.derived, parts.sensors))

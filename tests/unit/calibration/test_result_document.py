@@ -113,7 +113,7 @@ def test_derived_errors_have_the_sign_of_the_sensor(calibration):
         ({"verdict": {}}, "accepted"),
         ({"verdict": {"accepted": "yes"}}, "verdict.accepted is 'yes', expected true or false"),
         ({"gyroscope": {"offset": [0, 0, 0]}}, "cross_coupling"),
-        ({"accelerometer": {"cross_coupling": [1, 2], "offset": [0, 0, 0]}}, "reshape"),
+        ({"accelerometer": {"cross_coupling": [1, 2], "offset": [0, 0, 0]}}, "accelerometer.cross_coupling is [1, 2]"),
         ({"standard_deviation": []}, "standard_deviation is list, expected a mapping"),
         ({"timing": {"offset": "late"}}, "late"),
         ({"recording": {"name": "x"}}, "reference"),
