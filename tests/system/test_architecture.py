@@ -163,6 +163,7 @@ THROUGH = {
     "kreisel.simulation": "tests/system/test_simulate.py",
     "kreisel.synchronization.lost_samples": "tests/unit/synchronization/test_lost_samples.py",
     "kreisel.static.static_parts": "tests/unit/static/test_by_robot.py",
+    "kreisel.static.truncation": "tests/unit/static/test_truncation.py",  # of whole calibrations
     "kreisel.markup": "tests/unit/robot/test_description.py",  # what a hostile description is refused by
     "kreisel.kalman.noise_shares": "tests/unit/calibration/test_filter_budget.py",
     "kreisel.refinement.named_terms": "tests/unit/refinement/test_effect_selection.py",
