@@ -3,6 +3,7 @@
 import asyncio
 import itertools
 import os
+import re
 import threading
 import time
 import tty
@@ -17,14 +18,17 @@ from kreisel.protocols import ixcom, line
 from .live import (
     HOST,
     INTERVAL_NS,
+    LIMIT,
     Enough,
     free_port,
     lines,
     paced,
     reading,
     record_until,
+    recorder,
     run,
     said,
+    serving,
     steady,
     times_said,
     with_imu,
@@ -45,6 +49,23 @@ def test_a_connection_that_breaks_is_made_again(tmp_path):
     (gap,) = times_said(status, r"are received again after (\S+) s")
     assert gap >= 0.5
     assert np.all(np.diff(load_bag(path).imu.stamps_ns) == INTERVAL_NS)  # this device waits for its clients
+
+
+def test_a_device_that_falls_silent_is_named_at_the_end(tmp_path):
+    served = itertools.count()
+
+    def items():
+        for number in range(100 if next(served) == 0 else 0):
+            yield line.encode(reading(number))
+
+    async def all_of_it():
+        async with serving(lines(items)) as port:
+            return await asyncio.to_thread(recorder(tmp_path, port, "--seconds", "4").communicate, timeout=LIMIT)
+
+    out, err = asyncio.run(all_of_it())
+    (seconds,) = re.findall(r"nothing came from csv://\S+ in the last (\S+) s", err)
+    assert 3.0 < float(seconds) < 4.5
+    assert "100 IMU samples" in out
 
 
 def test_a_device_that_is_not_there_yet_is_waited_for(tmp_path):

@@ -28,6 +28,9 @@ FLUSH = 0.1
 SHOW = 0.5
 """Seconds between two calls of `show`."""
 
+_SILENT = 2.0
+"""s without a reading of a device from which on that is said. Chosen: references of one pose a second are in use."""
+
 _QUEUE = 50_000
 """Events of two devices that may wait to be written. Chosen: 50 s of an IMU and an arm at 500 Hz, if a disk stalls;
 limited, because a disk that no longer writes must not fill the memory."""
@@ -69,8 +72,9 @@ class Excitation:
 class Status:
     """The status of a recorder while it runs.
 
-    `locked_out` says that another sender than the recorded one may be the robot; empty if there was none. `further` are
-    the streams of IMUs after the first, which the excitation is of.
+    `silent` holds for how long nothing came from a device, s, by its address, where that is long. `locked_out` says
+    that another sender than the recorded one may be the robot; empty if there was none. `further` are the streams of
+    IMUs after the first, which the excitation is of.
     """
 
     began_ns: int
@@ -81,6 +85,7 @@ class Status:
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
     written: int = 0
+    silent: dict[str, float] = field(default_factory=dict)
     locked_out: str = ""
 
     @property
@@ -329,8 +334,11 @@ async def _write(
 ) -> None:
     """Write events until it is time to stop, or until all events of sources that end are written."""
     status, began = recorder.status, None
+    heard: dict[str, float] = {}
 
     def take(name: str, event: Event) -> None:
+        if isinstance(event, Arrival):
+            heard[name] = time.monotonic()
         for kept in recorder.take(name, event):
             if observe is not None and not recorder.unit_of(name):
                 observe(kept)
@@ -351,6 +359,7 @@ async def _write(
         if began is None and status.complete(with_robot=with_robot):
             began = now
         status.seconds = 0.0 if began is None else now - began
+        status.silent = {name: now - at for name, at in heard.items() if now - at > _SILENT}
         if seconds is not None and began is not None and now - began >= seconds:
             return
         if now - flushed >= FLUSH:

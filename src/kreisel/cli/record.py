@@ -85,6 +85,10 @@ def record(
         f"{output}: {status.seconds:.1f} s, {_samples(status)}{poses}; missing {missing}, repeated or late {late}; "
         f"next: kreisel {'static' if robot is None else 'calibrate'} {output} -o OUT"
     )
+    for name, seconds_ago in status.silent.items():
+        typer.echo(
+            f"nothing came from {name} in the last {seconds_ago:.1f} s: the recording ends there for it", err=True
+        )
     _check_settings(known, status)
 
 
