@@ -40,7 +40,7 @@ def with_truncation(
     One program truncates all that it sends: what gyros or accelerometers show holds for both. Where they do not decide,
     what it would do to the parameters counts by its probability.
     """
-    problem, layout = found.problem, found.problem.layout
+    problem, layout = chosen.problem, found.problem.layout
     steps = _steps(problem)
     deviations = [found.deviation[layout[name]][:3] for name in ("gyro_offset", "accel_offset")]
     matters = [bool((0.5 * step > _MATTERS * own).any()) for step, own in zip(steps, deviations, strict=True)]
