@@ -25,6 +25,9 @@ _MATTERS = 0.5
 _ODDS = 0.2
 """Odds that a device truncates, before any look at the data. Chosen: most round, or pass on a converter's counts."""
 
+_FAR = 50.0
+"""Logarithm of odds that are certain."""
+
 _TRUNCATED = (
     "the device truncates its readings to zero, in steps of {steps}, as turns and gravity show: half a step of each is "
     "restored; have the device round, or add half a step away from zero to each reading to which the result is applied"
@@ -50,14 +53,30 @@ def with_truncation(
         whole = replace(chosen, problem=_restored(problem, size))
         return whole, estimate_static(whole.problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
 
-    trials = [without(which) for which, one in zip(((True, False), (False, True)), matters, strict=True) if one]
-    if max((other.log_evidence for _, other in trials), default=-np.inf) - found.log_evidence < MIN_GAIN:
-        open_ = [undecided_by(found, other, _ODDS) for _, other in trials]
+    which = [own for own, one in zip(((True, False), (False, True)), matters, strict=True) if one]
+    trials = [without(own) for own in which]
+    plain = [other.log_evidence - found.log_evidence for _, other in trials]
+    says = [not own[0] or _show_steps(problem) for own in which]
+    gain = sum(own for own, one in zip(plain, says, strict=True) if one)
+    if not trials or gain < MIN_GAIN:
+        open_ = [
+            undecided_by(found, other, _ODDS * float(np.exp(np.clip(gain - own, -_FAR, _FAR))))
+            for (_, other), own in zip(trials, plain, strict=True)
+        ]
         return chosen, replace(found, undecided=np.hstack([found.undecided, *open_]))
     whole, other = without((True, True)) if all(matters) else trials[0]
     sizes = [f"{step.max():.2g} {unit}" for step, unit in zip(steps, ("rad/s", "m/s^2"), strict=True) if step.any()]
     said = DataWarning("imu", _TRUNCATED.format(steps=" and ".join(sizes)))
     return replace(whole, warnings=(*chosen.warnings, said)), other
+
+
+def _show_steps(problem: RestProblem) -> bool:
+    """Return whether the gyros' readings differ between standstills.
+
+    If all are zero, a single error of up to a step is counted as one of each standstill, and of each turn: wider ones
+    would seem to fit worse by far.
+    """
+    return bool(np.ptp(problem.rests.rates, axis=0).any())
 
 
 def _steps(problem: RestProblem) -> tuple[Array, Array]:
