@@ -53,7 +53,15 @@ from kreisel.formats.mcap import (
 from kreisel.formats.robot_description import description_beside
 from kreisel.formats.topic_names import IMU_TOPIC, ORIENTATION_TOPIC, POSE_TOPIC, POSITION_TOPIC
 from kreisel.geometry.rotation import Array
-from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
+from kreisel.recording.recording import (
+    NO_REFERENCE,
+    DataWarning,
+    ImuSamples,
+    JointAngles,
+    Recording,
+    ReferencePoses,
+    Stamps,
+)
 from kreisel.recording.recording_settings import RecordingSettings, read_settings, what_is_wrong, with_units_together
 
 _POINT = "geometry_msgs/msg/PointStamped"
@@ -96,6 +104,12 @@ _ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
     JOINTS: lambda message: tuple(message.position),
     **REFERENCE_ROWS,
 }
+
+_FRAMES = "tf2_msgs/msg/TFMessage"
+_NOT_READ = (
+    "the frames on {topic} are not read from a bag: play the bag, and record them with `kreisel record --robot "
+    "'ros2://127.0.0.1?pose={topic}&base=BASE&tool=TOOL'`, or choose another topic with --reference"
+)
 
 WANTED = frozenset({*_ROWS, NOTE_TYPE})
 """Message types that a recording uses."""
@@ -168,6 +182,9 @@ def recording_of(
         samples = _joined(samples, body.topic, [(topic, decode(topic, path)) for topic in later], warnings)
     settings = settings if body is None else settings.of_imu(unit_of(body.topic.name, contents.topics))
     poses = poses_of(body_of(contents, REFERENCE_ROLE, reference, warnings, decode), path)
+    if poses is None:
+        frames = [topic.name for topic in contents.topics if topic.msgtype == _FRAMES and topic.count]
+        warnings += [DataWarning(NO_REFERENCE, _NOT_READ.format(topic=name)) for name in sorted(frames)[:1]]
     joints = _joint_angles(contents, None if poses is None else poses.name, warnings, decode)
     warnings += _notes(contents)
     urdf = contents.urdf or description_beside(path.parent, settings)

@@ -33,7 +33,7 @@ from kreisel.preparation.warnings import (
     standstill_warning,
     turning_warning,
 )
-from kreisel.recording.recording import DataWarning, Recording, ReferencePoses
+from kreisel.recording.recording import NO_REFERENCE, DataWarning, Recording, ReferencePoses
 from kreisel.synchronization.fits import RateFit
 from kreisel.synchronization.stamp_errors import stamp_errors
 from kreisel.tasks import Executor, sequential
@@ -60,9 +60,10 @@ def prepare_recording(
     """
     reference = recording.reference
     if reference is None:
+        known = "".join(f"; {one.message}" for one in recording.warnings if one.subject == NO_REFERENCE)
         raise RecordingError(
             "has no reference poses; `kreisel calibrate` needs pose0/data.csv or another reference next to imu0; "
-            "`kreisel static` does without, by standstills in many attitudes",
+            f"`kreisel static` does without, by standstills in many attitudes{known}",
             file=recording.path,
         )
     check_quantities(recording.imu)

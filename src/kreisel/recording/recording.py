@@ -68,6 +68,10 @@ class DataWarning:
         return f"{self.subject}: {self.message}"
 
 
+NO_REFERENCE = "reference"
+"""Subject of what is said of a recording without a reference that may have one."""
+
+
 @dataclass(frozen=True)
 class ImuSamples:
     """Raw readings on the IMU's clock.

@@ -15,6 +15,8 @@ from rosbags.typesys import Stores, get_typestore
 from kreisel.errors import RecordingError
 from kreisel.formats.bag import load_bag
 from kreisel.formats.loading import load
+from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.preparation.prepare import prepare_recording
 
 FIRST = 1_700_000_000_000_000_007
 N = 40
@@ -324,6 +326,16 @@ def test_without_a_reference_there_is_none(tmp_path: Path) -> None:
     got = load_bag(write_bag(tmp_path, "ros1", imu_messages()))
     assert got.reference is None
     assert got.joints is None
+    assert not got.warnings
+
+
+def test_frames_that_could_be_a_reference_are_named(tmp_path: Path) -> None:
+    kind = "tf2_msgs/msg/TFMessage"
+    frames = [Message("/tf", kind, stamp, lambda types, _: types[kind]([])) for stamp in stamps(3)]
+    got = load_bag(write_bag(tmp_path, "sqlite3", [*imu_messages(), *frames]))
+    assert got.reference is None
+    with pytest.raises(RecordingError, match="no reference poses.*the frames on /tf are not read from a bag: play"):
+        prepare_recording(got, CalibrationSettings())
 
 
 # Messages
