@@ -59,7 +59,12 @@ _NO_ORIENTATION = np.array([-1.0, *np.zeros(8)])  # sensor_msgs/Imu: -1 means th
 _NO_EFFORT = np.zeros(0)
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)  # w, x, y, z; not used by readers, because there is no orientation
 
-_RECORD_HEAD = struct.Struct("<BQ")
+RECORD_HEAD = struct.Struct("<BQ")
+"""Opcode of a record and length of its content."""
+
+NO_FOOTER = "it ends without a footer, as after a recorder was stopped; the end is missing"
+"""What is said of such a file."""
+
 _FOOTER = struct.Struct("<QQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
@@ -297,11 +302,11 @@ class BrokenRecordError(Exception):
 def records_of(stream: BinaryIO, size: int, read: Collection[int] = _READ) -> Iterator[tuple[int, int, bytes]]:
     """Yield offset, opcode and content of the records; contents that are not used stay empty."""
     while (start := stream.tell()) < size:
-        head = stream.read(_RECORD_HEAD.size)
-        if len(head) < _RECORD_HEAD.size:
+        head = stream.read(RECORD_HEAD.size)
+        if len(head) < RECORD_HEAD.size:
             raise BrokenRecordError(start, 0, b"")
-        opcode, length = _RECORD_HEAD.unpack(head)
-        end = start + _RECORD_HEAD.size + length
+        opcode, length = RECORD_HEAD.unpack(head)
+        end = start + RECORD_HEAD.size + length
         # A zero is not an opcode; file systems leave zeros after a loss of power.
         if opcode == 0 or end > size:
             raise BrokenRecordError(start, opcode, stream.read(16))
@@ -340,7 +345,7 @@ class McapScan:
         except BrokenRecordError as broken:
             self._lost.append(cut_text(broken, size))
         else:
-            self._lost.append("it ends without a footer, as after a recorder was stopped; the end is missing")
+            self._lost.append(NO_FOOTER)
 
     def _define(self, content: bytes) -> None:
         """Count a record that defines something: what is kept of it, a few bytes of a chunk can stand for."""
@@ -549,11 +554,11 @@ def cut_text(broken: BrokenRecordError, size: int) -> str:
 
 def summary_start(stream: BinaryIO, size: int) -> int | None:
     """Return where the summary of a file begins, by its footer; None if it has none."""
-    end = _RECORD_HEAD.size + _FOOTER.size + len(MCAP0_MAGIC)
+    end = RECORD_HEAD.size + _FOOTER.size + len(MCAP0_MAGIC)
     if size < 2 * end:
         return None
     stream.seek(size - end)
-    opcode, _ = _RECORD_HEAD.unpack(stream.read(_RECORD_HEAD.size))
+    opcode, _ = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
     start, _, _ = _FOOTER.unpack(stream.read(_FOOTER.size))
     return start if opcode == Opcode.FOOTER and 0 < start < size - end else None
 

@@ -19,6 +19,8 @@ from kreisel.errors import RecordingError
 from kreisel.formats.budget import Budget
 from kreisel.formats.mcap import (
     CHUNK_SIZE,
+    NO_FOOTER,
+    RECORD_HEAD,
     BrokenRecordError,
     McapScan,
     check_magic,
@@ -28,13 +30,10 @@ from kreisel.formats.mcap import (
     summary_start,
 )
 
-_HEAD = struct.Struct("<BQ")
-"""Opcode of a record and length of its content."""
-
 _KINDS = tuple(struct.pack("<I", len(name)) + name for name in (b"zstd", b"lz4"))
 """Name of a chunk's compression, as it lies in a chunk."""
 
-_BEFORE_KIND = _HEAD.size + 28
+_BEFORE_KIND = RECORD_HEAD.size + 28
 """Bytes of a chunk before it: the head, two times, a size and a checksum."""
 
 _PART = 1 << 20
@@ -127,8 +126,8 @@ class _Copy(McapScan):
                 faults = len(self._lost)
                 self._try(offset, opcode, content)
                 damaged = len(self._lost) > faults and opcode == Opcode.CHUNK
-                if damaged and not _is_record(stream, offset + _HEAD.size + len(content), size):
-                    return _next_chunk(stream, offset + _HEAD.size, size)
+                if damaged and not _is_record(stream, offset + RECORD_HEAD.size + len(content), size):
+                    return _next_chunk(stream, offset + RECORD_HEAD.size, size)
         except BrokenRecordError as broken:
             following = _next_chunk(stream, broken.offset + 1, size)
             if following is None:
@@ -137,7 +136,7 @@ class _Copy(McapScan):
                 span = f"{following - broken.offset} bytes from byte {broken.offset} on"
                 self._lost.append(f"it is damaged: {span} are lost")
             return following
-        self._lost.append("it ends without a footer, as after a recorder was stopped; the end is missing")
+        self._lost.append(NO_FOOTER)
         return None
 
     def finish(self) -> None:
@@ -175,11 +174,11 @@ class _Copy(McapScan):
 def _is_record(stream: BinaryIO, offset: int, size: int) -> bool:
     """Return whether a record that the format knows may begin at an offset."""
     stream.seek(offset)
-    head = stream.read(_HEAD.size)
-    if len(head) < _HEAD.size:
+    head = stream.read(RECORD_HEAD.size)
+    if len(head) < RECORD_HEAD.size:
         return False
-    opcode, length = _HEAD.unpack(head)
-    return opcode in set(Opcode) and offset + _HEAD.size + length <= size
+    opcode, length = RECORD_HEAD.unpack(head)
+    return opcode in set(Opcode) and offset + RECORD_HEAD.size + length <= size
 
 
 def _next_chunk(stream: BinaryIO, begin: int, size: int) -> int | None:
