@@ -45,6 +45,16 @@ def reason_of(error: Exception) -> str:
     return str(error) if isinstance(error, KreiselError) else f"unexpected {type(error).__name__}: {error}"
 
 
+def reason(error: Exception) -> str:
+    """Return the message of an exception on one line; its name where the message is empty."""
+    return one_line(str(error)).rstrip(".") or type(error).__name__
+
+
+def one_line(text: str) -> str:
+    """Return a text without line breaks and control characters, which names in a damaged file may have."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
 class RecordingError(KreiselError):
     """A recording that cannot be used as it is.
 

@@ -15,9 +15,10 @@ from sys import intern
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.formats.bag import WANTED, Decoded, decode_topic, notes_of, recording_of
-from kreisel.formats.mcap import NOTE_TYPE, RECORDED, Contents, McapScan, Topic, check_magic
-from kreisel.formats.topic_names import IMU_TOPIC, is_of_a_further_unit
+from kreisel.formats.bag import notes_of, recording_of
+from kreisel.formats.bag_messages import WANTED, Decoded, decode_topic
+from kreisel.formats.mcap import RECORDED, Contents, McapScan, Topic, check_magic
+from kreisel.formats.topic_names import IMU_TOPIC, NOTE_TYPE, is_of_a_further_unit
 from kreisel.recording.recording import Recording
 from kreisel.validation.checks import check_streams
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,16 +15,25 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
-from rosbags.typesys import Stores, get_typestore
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from kreisel.errors import RecordingError, unknown_name
+from kreisel.errors import RecordingError, one_line, reason, unknown_name
 from kreisel.files import MAX_YAML, read_text
+from kreisel.formats.bag_frames import frame_poses, frame_topics
+from kreisel.formats.bag_messages import (
+    POINT,
+    REFERENCE_ROWS,
+    TURN,
+    WANTED,
+    Decode,
+    Decoded,
+    decode_topic,
+    deserializer,
+    translated,
+)
 from kreisel.formats.bag_topics import (
-    IMU,
     IMU_ROLE,
-    JOINTS,
     Role,
     choose_topic,
     joint_topic,
@@ -36,25 +44,20 @@ from kreisel.formats.bag_topics import (
 )
 from kreisel.formats.bounds import bounded, check_files, unpack, unzstd
 from kreisel.formats.budget import Budget
-from kreisel.formats.mcap import (
-    NO_LIMIT,
-    NOTE_TYPE,
-    RECORDED,
-    WARN,
-    Contents,
-    Only,
-    Topic,
-    in_log_order,
-    one_line,
-    read_mcap,
-    reason,
-    stated_topics,
-)
+from kreisel.formats.mcap import NO_LIMIT, RECORDED, WARN, Contents, Only, Topic, in_log_order, read_mcap, stated_topics
 from kreisel.formats.robot_description import description_beside
-from kreisel.formats.topic_names import IMU_TOPIC, ORIENTATION_TOPIC, POSE_TOPIC, POSITION_TOPIC
+from kreisel.formats.topic_names import (
+    FRAMES,
+    IMU,
+    IMU_TOPIC,
+    JOINTS,
+    NOTE_TYPE,
+    ORIENTATION_TOPIC,
+    POSE_TOPIC,
+    POSITION_TOPIC,
+)
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import (
-    NO_REFERENCE,
     DataWarning,
     ImuSamples,
     JointAngles,
@@ -63,60 +66,6 @@ from kreisel.recording.recording import (
     Stamps,
 )
 from kreisel.recording.recording_settings import RecordingSettings, read_settings, what_is_wrong, with_units_together
-
-_POINT = "geometry_msgs/msg/PointStamped"
-_TURN = "geometry_msgs/msg/QuaternionStamped"
-_STORES = {"cdr": Stores.ROS2_HUMBLE, "ros1": Stores.ROS1_NOETIC}
-
-
-def _vector(v: Any) -> tuple[float, ...]:
-    return (v.x, v.y, v.z)
-
-
-def _turn(q: Any) -> tuple[float, ...]:
-    return (q.w, q.x, q.y, q.z)
-
-
-def _imu_row(message: Any) -> tuple[float, ...]:
-    """Return rates, accelerations and the two covariance entries that are -1 where there are none."""
-    marks = (message.angular_velocity_covariance[0], message.linear_acceleration_covariance[0])
-    return (*_vector(message.angular_velocity), *_vector(message.linear_acceleration), *marks)
-
-
-def _pose_row(pose: Any) -> tuple[float, ...]:
-    return (*_vector(pose.position), *_turn(pose.orientation))
-
-
-def _transform_row(message: Any) -> tuple[float, ...]:
-    return (*_vector(message.transform.translation), *_turn(message.transform.rotation))
-
-
-REFERENCE_ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
-    "geometry_msgs/msg/PoseStamped": lambda message: _pose_row(message.pose),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: _pose_row(message.pose.pose),
-    "geometry_msgs/msg/TransformStamped": _transform_row,
-    "nav_msgs/msg/Odometry": lambda message: _pose_row(message.pose.pose),
-    _POINT: lambda message: _vector(message.point),
-    _TURN: lambda message: _turn(message.quaternion),
-}
-_ROWS: dict[str, Callable[[Any], tuple[float, ...]]] = {
-    IMU: _imu_row,
-    JOINTS: lambda message: tuple(message.position),
-    **REFERENCE_ROWS,
-}
-
-_FRAMES = "tf2_msgs/msg/TFMessage"
-_NOT_READ = (
-    "the frames on {topic} are not read from a bag: play the bag, and record them with `kreisel record --robot "
-    "'ros2://127.0.0.1?pose={topic}&base=BASE&tool=TOOL'`, or choose another topic with --reference"
-)
-
-WANTED = frozenset({*_ROWS, NOTE_TYPE})
-"""Message types that a recording uses."""
-
-Decoded = tuple[Stamps, list[str], Sequence[Sequence[float]] | Array]
-Decode = Callable[[Topic, Path], Decoded]
-
 
 REFERENCE_ROLE = Role(
     "reference poses",
@@ -134,8 +83,8 @@ def load_bag(path: Path, reference: str | None = None, imu: str | None = None) -
     path
         An .mcap file (also a truncated one), a .bag or .db3 file, or a folder with metadata.yaml.
     reference, imu
-        Topics, as `TOPIC` or, where bodies share a topic, as `TOPIC@FRAME_ID`. By default kreisel's own,
-        or the only one of a fitting type.
+        Topics, as `TOPIC` or, where bodies share a topic, as `TOPIC@FRAME_ID`; of frames as `TOPIC@TOOL` or
+        `TOPIC@BASE:TOOL`. By default kreisel's own, or the only one of a fitting type.
 
     Raises
     ------
@@ -150,7 +99,8 @@ def load_bag(path: Path, reference: str | None = None, imu: str | None = None) -
     """
     with on_one_line():
         only = None if imu is None else topic_of_unit(path, imu)
-        return recording_of(read_contents(path, NO_LIMIT if only is None else {IMU: {only}}), reference, imu)
+        contents = read_contents(path, NO_LIMIT if only is None else {IMU: {only}})
+        return recording_of(_with_frames(contents, reference), reference, imu)
 
 
 @contextmanager
@@ -181,10 +131,10 @@ def recording_of(
     if body is not None and body.topic.name == IMU_TOPIC:
         samples = _joined(samples, body.topic, [(topic, decode(topic, path)) for topic in later], warnings)
     settings = settings if body is None else settings.of_imu(unit_of(body.topic.name, contents.topics))
-    poses = poses_of(body_of(contents, REFERENCE_ROLE, reference, warnings, decode), path)
-    if poses is None:
-        frames = [topic.name for topic in contents.topics if topic.msgtype == _FRAMES and topic.count]
-        warnings += [DataWarning(NO_REFERENCE, _NOT_READ.format(topic=name)) for name in sorted(frames)[:1]]
+    if frame_topics(contents, reference):
+        poses = frame_poses(contents, reference, warnings)
+    else:
+        poses = poses_of(body_of(contents, REFERENCE_ROLE, reference, warnings, decode), path)
     joints = _joint_angles(contents, None if poses is None else poses.name, warnings, decode)
     warnings += _notes(contents)
     urdf = contents.urdf or description_beside(path.parent, settings)
@@ -230,8 +180,8 @@ def notes_of(contents: Contents) -> list[tuple[int, str]]:
     notes = []
     for topic in contents.topics:
         if topic.msgtype == NOTE_TYPE and topic.encoding == "cdr":
-            with _translated(contents.path, "record again", f"a note on {topic.name}"):
-                messages = [_deserializer("cdr")(payload, NOTE_TYPE) for payload in topic.payloads]
+            with translated(contents.path, "record again", f"a note on {topic.name}"):
+                messages = [deserializer("cdr")(payload, NOTE_TYPE) for payload in topic.payloads]
             notes += [(int(message.level), one_line(message.msg)) for message in messages]
     return notes
 
@@ -283,7 +233,7 @@ def read_contents(path: Path, only: Only = NO_LIMIT) -> Contents:
     Parameters
     ----------
     only
-        As for `read_mcap`.
+        As for `read_mcap`; those of frames are kept only if they are in it.
 
     Raises
     ------
@@ -292,22 +242,33 @@ def read_contents(path: Path, only: Only = NO_LIMIT) -> Contents:
     """
     if not path.exists():
         raise RecordingError("no such file or folder; give an .mcap, .bag or .db3 file or a folder", file=path)
+    only = {**dict.fromkeys(FRAMES, ()), **only}
     if path.is_file() and path.suffix.lower() == ".mcap":
-        return read_mcap(path, WANTED, only)
+        return read_mcap(path, _READ, only)
     files = sorted(path.glob("*.mcap")) if path.is_dir() else []
     if [file.name for file in files] == [RECORDED]:
-        return read_mcap(files[0], WANTED, only)
+        return read_mcap(files[0], _READ, only)
     warnings: list[DataWarning] = []
     if files and (mode := _compression(path, warnings)) is not None:
         return _read_each(path, files, warnings, only, packed=mode == "message")
     zipped = sorted(path.glob("*.mcap.zstd")) if path.is_dir() else []
     if zipped:
         with TemporaryDirectory() as folder:
-            with _translated(path, _RECOVER):
+            with translated(path, _RECOVER):
                 files = [unpack(file, Path(folder) / file.stem) for file in zipped]
             return _read_each(path, files, warnings, only, packed=False)
-    with _translated(path, _REINDEX if path.suffix.lower() == ".bag" else _RECOVER):
+    with translated(path, _REINDEX if path.suffix.lower() == ".bag" else _RECOVER):
         return _read_with_rosbags(path, only)
+
+
+def _with_frames(contents: Contents, reference: str | None) -> Contents:
+    """Return the contents with the messages of frames, where these are the reference."""
+    if not frame_topics(contents, reference):
+        return contents
+    every = [topic.name for topic in contents.topics if topic.msgtype in FRAMES]
+    read = read_contents(contents.path, {**dict.fromkeys(WANTED, ()), **dict.fromkeys(FRAMES, every)})
+    frames = {topic.name: topic for topic in read.topics if topic.msgtype in FRAMES}
+    return replace(contents, topics=tuple(frames.get(topic.name, topic) for topic in contents.topics))
 
 
 def _compression(folder: Path, warnings: list[DataWarning]) -> str | None:
@@ -336,17 +297,10 @@ def _compression(folder: Path, warnings: list[DataWarning]) -> str | None:
         return "none"
 
 
+_READ = WANTED.union(FRAMES)
+
 _REINDEX = "if its recorder was stopped, `rosbag reindex` may repair it; otherwise copy it again"
 _RECOVER = "copy it again, or rebuild the bag with `ros2 bag reindex`"
-
-
-@contextmanager
-def _translated(path: Path, advice: str, where: str = "") -> Iterator[None]:
-    """Turn any exception of a library about a damaged file into one line that names the file."""
-    try:
-        yield
-    except Exception as error:
-        raise RecordingError(f"{where or 'it'} cannot be read: {reason(error)}; {advice}", file=path) from error
 
 
 def _read_with_rosbags(path: Path, only: Only) -> Contents:
@@ -362,7 +316,7 @@ def _read_with_rosbags(path: Path, only: Only) -> Contents:
         wanted = [
             one
             for one in reader.connections
-            if one.msgtype in WANTED and one.topic in only.get(one.msgtype, (one.topic,))
+            if one.msgtype in _READ and one.topic in only.get(one.msgtype, (one.topic,))
         ]
         # An empty list would mean all connections.
         for connection, log_time, payload in reader.messages(wanted) if wanted else ():
@@ -382,7 +336,7 @@ def _read_each(path: Path, files: list[Path], earlier: list[DataWarning], only: 
     packed
         Whether each message is compressed by itself.
     """
-    parts = [read_mcap(file, WANTED, only) for file in files]
+    parts = [read_mcap(file, _READ, only) for file in files]
     groups: dict[tuple[str, str, str], list[Topic]] = defaultdict(list)
     settings: dict[str, str] = {}
     urdf = None
@@ -396,7 +350,7 @@ def _read_each(path: Path, files: list[Path], earlier: list[DataWarning], only: 
     for key, group in groups.items():
         messages = [m for topic in group for m in zip(topic.log_times_ns, topic.payloads, strict=True)]
         if packed:
-            with _translated(path, _RECOVER, f"a message on {key[0]}"):
+            with translated(path, _RECOVER, f"a message on {key[0]}"):
                 messages = [(log_time, _decompressed(payload, budget)) for log_time, payload in messages]
         topics.append(in_log_order(*key, sum(topic.count for topic in group), messages))
     warnings = [*earlier, *(f for part in parts for f in part.warnings)]
@@ -476,36 +430,6 @@ def _of_frame(frames: list[str], frame: str | None, topic: Topic, role: Role, pa
     return np.array([frame is None or name == frame for name in frames])
 
 
-# Messages -> numbers
-
-
-@cache
-def _deserializer(encoding: str) -> Callable[[bytes, str], Any]:
-    store = get_typestore(_STORES[encoding])
-    return store.deserialize_ros1 if encoding == "ros1" else store.deserialize_cdr
-
-
-def decode_topic(topic: Topic, path: Path) -> Decoded:
-    """Return the headers' stamps, the keys of the bodies, and rows of numbers."""
-    deserialize, row = _deserializer(topic.encoding), _ROWS[topic.msgtype]
-    stamps, keys, rows = [], [], []
-    where = f"a message on {topic.name}"
-    with _translated(path, "the file is damaged there; record again, or remove these messages", where):
-        for payload in topic.payloads:
-            message = deserialize(payload, topic.msgtype)
-            stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-            keys.append(_key(message))
-            rows.append(row(message))
-        return np.array(stamps, dtype=np.int64), keys, rows
-
-
-def _key(message: Any) -> str:
-    """Return the key that distinguishes bodies on one topic: frame id, or the child's, or the joints' names."""
-    if hasattr(message, "position") and hasattr(message, "effort"):
-        return ", ".join(message.name)
-    return getattr(message, "child_frame_id", "") or str(message.header.frame_id)
-
-
 def _stamps(stamps: Stamps, topic: Topic, warnings: list[DataWarning]) -> Stamps:
     if stamps.any():
         return stamps
@@ -551,8 +475,8 @@ def poses_of(body: Body | None, path: Path) -> ReferencePoses | None:
     """Return the poses in the messages of a body."""
     if body is None:
         return None
-    positions = None if body.topic.msgtype == _TURN else body.values[:, :3].copy()
-    quaternions = None if body.topic.msgtype == _POINT else body.values[:, -4:].copy()
+    positions = None if body.topic.msgtype == TURN else body.values[:, :3].copy()
+    quaternions = None if body.topic.msgtype == POINT else body.values[:, -4:].copy()
     return ReferencePoses(body.topic.name, body.stamps_ns, positions, quaternions, _source(path, body.topic))
 
 

@@ -22,10 +22,12 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
 from kreisel._version import __version__
-from kreisel.errors import RecordingError
-from kreisel.formats.bag import body_of, decode_topic, imu_of, read_contents
-from kreisel.formats.bag_topics import IMU, IMU_ROLE
-from kreisel.formats.mcap import CHUNK_SIZE, bounded_records, reason, record_stream
+from kreisel.errors import RecordingError, reason
+from kreisel.formats.bag import body_of, imu_of, read_contents
+from kreisel.formats.bag_messages import decode_topic
+from kreisel.formats.bag_topics import IMU_ROLE
+from kreisel.formats.mcap import CHUNK_SIZE, bounded_records, record_stream
+from kreisel.formats.topic_names import IMU
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, ImuSamples
 

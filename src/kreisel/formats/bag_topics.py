@@ -10,17 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kreisel.errors import RecordingError, unknown_name
-from kreisel.formats.topic_names import IMU_TOPIC, JOINT_TOPIC
+from kreisel.formats.topic_names import ENCODINGS, IMU, IMU_TOPIC, JOINT_TOPIC, JOINTS
 from kreisel.recording.recording import DataWarning
 
 if TYPE_CHECKING:
     from kreisel.formats.mcap import Contents, Topic
-
-IMU = "sensor_msgs/msg/Imu"
-JOINTS = "sensor_msgs/msg/JointState"
-
-ENCODINGS = ("cdr", "ros1")
-"""Of messages that can be decoded."""
 
 _OF_A_UNIT = re.compile(r"/imu(\d*)/data_raw")
 _AFTER_A_LEAP = re.compile(r"(/imu\d*/data_raw)_(\d+)")

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from kreisel.errors import RecordingError
-from kreisel.formats.bag import body_of, decode_topic, imu_of, on_one_line, read_contents, topics_in
-from kreisel.formats.bag_topics import IMU, IMU_ROLE, unit_topics
+from kreisel.formats.bag import body_of, imu_of, on_one_line, read_contents, topics_in
+from kreisel.formats.bag_messages import decode_topic
+from kreisel.formats.bag_topics import IMU_ROLE, unit_topics
 from kreisel.formats.mcap import NO_LIMIT, Contents, Only
+from kreisel.formats.topic_names import IMU
 from kreisel.recording.recording import DataWarning, ImuSamples
 
 TOGETHER = 1_000_000

@@ -24,12 +24,13 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from kreisel._version import __version__
-from kreisel.errors import RecordingError
+from kreisel.errors import RecordingError, reason
 from kreisel.formats.bounds import chunk_content, within
 from kreisel.formats.budget import MAX_CHUNK, Budget
 from kreisel.formats.topic_names import (
     JOINT_TOPIC,
     NOTE_TOPIC,
+    NOTE_TYPE,
     ORIENTATION_TOPIC,
     POSE_TOPIC,
     POSITION_TOPIC,
@@ -38,7 +39,6 @@ from kreisel.formats.topic_names import (
 from kreisel.recording.recording import DataWarning
 from kreisel.recording.recording_settings import RecordingSettings
 
-NOTE_TYPE = "rcl_interfaces/msg/Log"
 INFO, WARN = 20, 30
 """Levels of notes."""
 
@@ -569,13 +569,3 @@ def _span(beginning: bytes) -> str:
         return ""
     first, last = struct.unpack("<QQ", beginning[:16])
     return f", with {(last - first) * 1e-9:.3g} s of messages" if 0 <= last - first < 3600 * 10**9 else ""
-
-
-def reason(error: Exception) -> str:
-    """Return the message of an exception on one line; its name where the message is empty."""
-    return one_line(str(error)).rstrip(".") or type(error).__name__
-
-
-def one_line(text: str) -> str:
-    """Return a text without line breaks and control characters, which names in a damaged file may have."""
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())

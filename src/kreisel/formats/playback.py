@@ -12,9 +12,11 @@ import numpy as np
 from mcap.writer import MCAP0_MAGIC
 
 from kreisel.errors import RecordingError
-from kreisel.formats.bag import REFERENCE_ROLE, REFERENCE_ROWS, body_of, decode_topic, imu_of, joints_of, poses_of
-from kreisel.formats.bag_topics import IMU, IMU_ROLE, JOINTS, Role, choose_topic, joint_topic, listed
+from kreisel.formats.bag import REFERENCE_ROLE, body_of, imu_of, joints_of, poses_of
+from kreisel.formats.bag_messages import REFERENCE_ROWS, decode_topic
+from kreisel.formats.bag_topics import IMU_ROLE, Role, choose_topic, joint_topic, listed
 from kreisel.formats.mcap import RECORDED, Contents, Topic, check_magic, read_mcap
+from kreisel.formats.topic_names import IMU, JOINTS
 from kreisel.recording.recording import DataWarning, ImuSamples, JointAngles, ReferencePoses, Stamps
 
 Content = TypeVar("Content", ImuSamples, ReferencePoses, JointAngles)

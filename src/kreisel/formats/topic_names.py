@@ -1,4 +1,4 @@
-"""The topics that kreisel writes."""
+"""The topics that kreisel writes, and the types of messages."""
 
 from __future__ import annotations
 
@@ -11,6 +11,15 @@ ORIENTATION_TOPIC = "/robot/orientation"
 JOINT_TOPIC = "/robot/joint_states"
 NOTE_TOPIC = "/kreisel/notes"
 """Topic of events during recording: devices lost and reconnected, jumps of clocks."""
+
+IMU = "sensor_msgs/msg/Imu"
+JOINTS = "sensor_msgs/msg/JointState"
+NOTE_TYPE = "rcl_interfaces/msg/Log"
+FRAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+"""Types of messages with the frames of a system, the second of ROS 1 in its early years."""
+
+ENCODINGS = ("cdr", "ros1")
+"""Of messages that can be decoded."""
 
 
 _OF_A_FURTHER_UNIT = re.compile(r"/imu[1-9][0-9]*/data_raw(_[0-9]+)?")

@@ -19,7 +19,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, RobotError
-from kreisel.formats.bag import WANTED, load_bag
+from kreisel.formats.bag import load_bag
+from kreisel.formats.bag_messages import WANTED
 from kreisel.formats.bounds import chunk_content, unbz2, unlz4, unzstd
 from kreisel.formats.budget import MAX_CHUNK, Budget, TooLargeError
 from kreisel.formats.csv_table import read_table

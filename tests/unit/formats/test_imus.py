@@ -7,12 +7,12 @@ import pytest
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.formats import bag_units
 from kreisel.formats.bag import load_bag
-from kreisel.formats.bag_topics import IMU, unit_of, unit_topics
+from kreisel.formats.bag_topics import unit_of, unit_topics
 from kreisel.formats.bag_units import BagUnits
 from kreisel.formats.imus import ALL, imu_reader, imus_in
 from kreisel.formats.loading import load
 from kreisel.formats.mcap import Topic, read_mcap, stated_topics
-from kreisel.formats.topic_names import topic_of
+from kreisel.formats.topic_names import IMU, topic_of
 from kreisel.formats.write import write
 from kreisel.recording.recording import Recording
 from kreisel.recording.recording_settings import DeviceTable, ImuTable, RecordingSettings
