@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -488,21 +488,49 @@ def _joint_angles(
 
 
 def joints_of(topic: Topic, path: Path, warnings: list[DataWarning], decode: Decode) -> JointAngles:
-    """Return the joint angles on a topic.
+    """Return the joint angles on a topic, in the order of the first message.
+
+    Messages of a smaller device that share none of its joints, as of a gripper, are left out, with a warning.
 
     Raises
     ------
     RecordingError
-        If the joints or their order change.
+        If the joints change, or it is not clear which are the robot's.
     """
     stamps, names, rows = decode(topic, path)
+    of_robot, others = _robot_of(names)
+    if others:
+        text = f"left out {others} messages on {topic.name} with other joints than [{of_robot}]"
+        warnings.append(DataWarning("joints", text))
+    width = len(rows[names.index(of_robot)])
+    joints = of_robot.split(", ")
+    kept, angles = np.zeros(len(names), dtype=bool), []
     for k, (name, row) in enumerate(zip(names, rows, strict=True)):
-        if name != names[0] or len(row) != len(rows[0]) or len(row) == 0:
+        found = name.split(", ")
+        if others and set(found).isdisjoint(joints):
+            continue
+        same = name == of_robot or (len(found) == width and sorted(set(found)) == sorted(joints))
+        if not same or len(row) != width or len(row) == 0:
             raise RecordingError(
                 f"message {k + 1} on {topic.name} has {len(row)} positions of the joints [{name}], expected "
-                f"{len(rows[0]) or 'some'} of [{names[0]}] as in the first; "
-                "record one robot, its joints always in the same order, on this topic",
+                f"{width or 'some'} of [{of_robot}] as in the first; record one robot, always the same joints, on this "
+                "topic",
                 file=path,
             )
-    angles = np.array(rows, dtype=np.float64)
-    return JointAngles(_stamps(stamps, topic, warnings), angles, _source(path, topic))
+        kept[k] = True
+        angles.append(row if name == of_robot else [row[found.index(joint)] for joint in joints])
+    return JointAngles(_stamps(stamps, topic, warnings)[kept], np.array(angles, dtype=np.float64), _source(path, topic))
+
+
+def _robot_of(names: Sequence[str]) -> tuple[str, int]:
+    """Return the joints of the robot as they come first, and the number of messages that have none of them.
+
+    Where a topic has messages of several devices that share no joint, the one with the most joints is the robot.
+    """
+    kinds = Counter(names)
+    ranked = sorted(kinds, key=lambda name: -len(name.split(", ")))
+    most = set(ranked[0].split(", "))
+    apart = [name for name in ranked if most.isdisjoint(name.split(", "))]
+    if any(len(name.split(", ")) == len(most) for name in apart):
+        return names[0], 0
+    return next(name for name in names if not most.isdisjoint(name.split(", "))), sum(kinds[name] for name in apart)

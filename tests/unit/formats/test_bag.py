@@ -350,22 +350,40 @@ def test_an_imu_without_one_half(tmp_path: Path, lacking: str) -> None:
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (
-            joint_messages(names=("a2", "a1"), n=3),
-            r"2 positions of the joints \[a2, a1\], expected 2 of \[a1, a2\]",
-        ),
-        (
-            joint_messages(names=("grip",), n=3, positions=1),
-            r"1 positions of the joints \[grip\], expected 2",
-        ),
+        (joint_messages(names=("b1", "b2"), n=3), r"2 positions of the joints \[b1, b2\], expected 2 of \[a1, a2\]"),
+        (joint_messages(names=("a2",), n=3, positions=1), r"1 positions of the joints \[a2\], expected 2"),
         (joint_messages(n=3, positions=0), r"0 positions of the joints \[a1, a2\]"),
     ],
 )
-def test_joints_in_another_order(tmp_path: Path, other: list[Message], message: str) -> None:
+def test_joints_that_change(tmp_path: Path, other: list[Message], message: str) -> None:
     later = [replace(m, log_delay_ns=10**10) for m in other]
     path = write_bag(tmp_path, "mcap", imu_messages() + joint_messages() + later)
     with pytest.raises(RecordingError, match=rf"message 41 on /joint_states has {message}"):
         load_bag(path)
+
+
+def test_joints_in_another_order_are_sorted_by_their_names(tmp_path: Path) -> None:
+    half = [replace(m, stamp_ns=m.stamp_ns + 5_000_000) for m in joint_messages(names=("a2", "a1"))]
+    both = [m for pair in zip(joint_messages(), half, strict=True) for m in pair]
+    joints = load_bag(write_bag(tmp_path, "mcap", imu_messages() + both)).joints
+    assert joints is not None
+    np.testing.assert_array_equal(joints.angles[0::2], [[0.5 * k, -0.25 * k] for k in range(N)])
+    np.testing.assert_array_equal(joints.angles[1::2], [[-0.25 * k, 0.5 * k] for k in range(N)])
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_gripper_on_the_topic_of_the_joints(tmp_path: Path, first: bool) -> None:
+    delay = -1_000_000 if first else 1_000_000
+    grip = [
+        replace(m, stamp_ns=m.stamp_ns + delay, log_delay_ns=0) for m in joint_messages(names=("grip",), positions=1)
+    ]
+    got = load_bag(write_bag(tmp_path, "mcap", imu_messages() + joint_messages() + grip))
+    assert got.joints is not None
+    np.testing.assert_array_equal(got.joints.stamps_ns, stamps())
+    np.testing.assert_array_equal(got.joints.angles, [[0.5 * k, -0.25 * k] for k in range(N)])
+    assert [str(w) for w in got.warnings] == [
+        "joints: left out 40 messages on /joint_states with other joints than [a1, a2]"
+    ]
 
 
 def test_joints_of_several_robots_are_left_out(tmp_path: Path) -> None:
