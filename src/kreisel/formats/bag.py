@@ -410,9 +410,9 @@ def body_of(
     if topic is None:
         return None
     stamps, frames, rows = decode(topic, path)
-    keep = _of_frame(frames, frame, topic, role, path)
-    values = np.array(rows, dtype=np.float64)[keep]
-    return Body(topic, _stamps(stamps, topic, warnings)[keep], values, keep)
+    stamps, stamped = _stamps(stamps, topic, warnings)
+    keep = stamped & _of_frame(frames, frame, topic, role, path)
+    return Body(topic, stamps[keep], np.array(rows, dtype=np.float64)[keep], keep)
 
 
 def _of_frame(frames: list[str], frame: str | None, topic: Topic, role: Role, path: Path) -> Any:
@@ -430,12 +430,20 @@ def _of_frame(frames: list[str], frame: str | None, topic: Topic, role: Role, pa
     return np.array([frame is None or name == frame for name in frames])
 
 
-def _stamps(stamps: Stamps, topic: Topic, warnings: list[DataWarning]) -> Stamps:
-    if stamps.any():
-        return stamps
-    message = f"every header on {topic.name} is stamped zero; took the times of logging, which jitter"
-    warnings.append(DataWarning("stamps", message))
-    return np.array(topic.log_times_ns, dtype=np.int64)
+def _stamps(stamps: Stamps, topic: Topic, warnings: list[DataWarning]) -> tuple[Stamps, NDArray[np.bool_]]:
+    """Return the stamps of messages, and which messages have one.
+
+    Drivers stamp messages zero before they know the time. Where they never do, times of logging are the stamps.
+    """
+    stamped = stamps != 0
+    if not stamped.any():
+        message = f"every header on {topic.name} is stamped zero; took the times of logging, which jitter"
+        warnings.append(DataWarning("stamps", message))
+        return np.array(topic.log_times_ns, dtype=np.int64), ~stamped
+    if not stamped.all():
+        text = f"left out {np.sum(~stamped)} messages on {topic.name} whose headers are stamped zero"
+        warnings.append(DataWarning("stamps", text))
+    return stamps, stamped
 
 
 def _source(path: Path, topic: Topic) -> Path:
@@ -504,7 +512,7 @@ def joints_of(topic: Topic, path: Path, warnings: list[DataWarning], decode: Dec
         warnings.append(DataWarning("joints", text))
     width = len(rows[names.index(of_robot)])
     joints = of_robot.split(", ")
-    kept, angles = np.zeros(len(names), dtype=bool), []
+    kept, found_rows = np.zeros(len(names), dtype=bool), []
     for k, (name, row) in enumerate(zip(names, rows, strict=True)):
         found = name.split(", ")
         if others and set(found).isdisjoint(joints):
@@ -518,8 +526,10 @@ def joints_of(topic: Topic, path: Path, warnings: list[DataWarning], decode: Dec
                 file=path,
             )
         kept[k] = True
-        angles.append(row if name == of_robot else [row[found.index(joint)] for joint in joints])
-    return JointAngles(_stamps(stamps, topic, warnings)[kept], np.array(angles, dtype=np.float64), _source(path, topic))
+        found_rows.append(row if name == of_robot else [row[found.index(joint)] for joint in joints])
+    stamps, stamped = _stamps(stamps, topic, warnings)
+    angles = np.array(found_rows, dtype=np.float64)[stamped[kept]]
+    return JointAngles(stamps[kept & stamped], angles, _source(path, topic))
 
 
 def _robot_of(names: Sequence[str]) -> tuple[str, int]:

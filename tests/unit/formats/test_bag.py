@@ -339,6 +339,22 @@ def test_headers_stamped_zero(tmp_path: Path) -> None:
     assert "every header on /imu is stamped zero" in str(got.warnings[0])
 
 
+def test_first_headers_stamped_zero(tmp_path: Path) -> None:
+    messages = [imu_messages(), reference_messages(), joint_messages()]
+    some = [replace(m, stamp_ns=0) if k < 3 else m for part in messages for k, m in enumerate(part)]
+    got = load_bag(write_bag(tmp_path, "mcap", some))
+    assert got.reference is not None
+    assert got.joints is not None
+    for stream in (got.imu, got.reference, got.joints):
+        np.testing.assert_array_equal(stream.stamps_ns, stamps()[3:])
+    np.testing.assert_array_equal(got.imu.rates, [rate(k) for k in range(3, N)])
+    np.testing.assert_array_equal(got.joints.angles, [[0.5 * k, -0.25 * k] for k in range(3, N)])
+    assert [str(w) for w in got.warnings] == [
+        f"stamps: left out 3 messages on {topic} whose headers are stamped zero"
+        for topic in ("/imu", "/pose", "/joint_states")
+    ]
+
+
 @pytest.mark.parametrize("lacking", ["rates", "accelerations"])
 def test_an_imu_without_one_half(tmp_path: Path, lacking: str) -> None:
     path = write_bag(tmp_path, "mcap", imu_messages(**{lacking: MISSING}))
