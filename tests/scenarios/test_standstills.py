@@ -89,6 +89,27 @@ def test_a_hinge_and_a_drill_show_the_gyros_whatever_their_angles(spin, sd):
     assert 0.5 < np.sqrt(np.mean(found**2)) < 1.4
 
 
+@pytest.mark.parametrize(
+    ("error", "shown"),
+    [
+        (lambda angle: 3e-3 * np.sin(angle + 1.0), True),
+        pytest.param(lambda angle: 1.5e-3 * np.sin(2.0 * angle + 0.4), True, marks=pytest.mark.slow),
+        pytest.param(np.zeros_like, False, marks=pytest.mark.slow),
+    ],
+    ids=["once a revolution", "twice a revolution", "centred"],
+)
+def test_an_encoder_of_a_table_that_is_not_centred_is_found(error, shown):
+    """Its waves had looked like a play and cubic terms, with gyros' scale factors nine deviations off."""
+    how = HandTurns("industrial-mems", attitudes=24, laid="turntable", rest=2.0)
+    truth, recording = hand_turned(how, np.random.default_rng([1, 82]))
+    table = replace(recording.table, angles=recording.table.angles + error(recording.table.angles))
+    outcome = calibrate_static(check_streams(replace(recording, table=table)))
+    assert outcome.calibration.accepted, outcome.calibration.verdict
+    assert any("in waves once and twice a revolution" in one.message for one in outcome.warnings) is shown
+    assert "gyro_cubic" not in outcome.found.problem.effects
+    assert np.abs(scores(truth, outcome)).max() < 4.0
+
+
 def test_a_table_whose_scale_is_wrong_is_contradicted_by_turns_by_hand():
     """The gyros' scale factors would be 1 % off, and nothing but the turns from one mounting to the next shows it."""
     how = HandTurns("industrial-mems", attitudes=18, laid="turntable")

@@ -161,6 +161,10 @@ class TableTurns:
         Sign of a turn that goes the other way than the one before, else 0: there the play of a gear is missing.
     play_sd
         Deviation of that play, rad; 0 where there is none.
+    waves : (k, 4)
+        Changes of cos, sin of the encoder's angle, and of cos, sin of twice the angle, by a turn.
+    waves_sd
+        Deviation of the encoder's error as a sum of these, rad; 0 where there is none.
     """
 
     node: Indices
@@ -169,6 +173,8 @@ class TableTurns:
     scale_sd: float = 0.0
     reversed: Array = field(default_factory=lambda: np.zeros(0))
     play_sd: float = 0.0
+    waves: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    waves_sd: float = 0.0
 
     kind = "table"
     usual = None
@@ -180,11 +186,13 @@ class TableTurns:
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
-        """The axis's misalignment against the first one, about the two axes across; scale of the angles, and play."""
+        """The axis's misalignment against the first one, about the two axes across, and errors of the angles."""
         axis = Nuisance("table", ("table.axis[0]", "table.axis[1]"), np.full(2, _CASE_TURNED))
         scale = Nuisance("table_scale", ("table.scale",), np.array([self.scale_sd]))
         play = Nuisance("table_play", ("table.play",), np.array([self.play_sd]))
-        return axis, *(one for one in (scale, play) if one.width[0])
+        labels = tuple(f"table.waves[{i}]" for i in range(4))
+        waves = Nuisance("table_waves", labels, np.full(4, self.waves_sd))
+        return axis, *(one for one in (scale, play, waves) if one.width[0])
 
     @property
     def white(self) -> Array:
@@ -210,6 +218,8 @@ class TableTurns:
         angle = (1.0 + nuisance(p, "table_scale", 1)[0]) * self.angle
         if self.play_sd:
             angle = angle - nuisance(p, "table_play", 1)[0] * self.reversed
+        if self.waves_sd:
+            angle = angle - self.waves @ nuisance(p, "table_waves", 4)
         vector = angle[:, None] * n
         T = matrix(exp(vector))
         before, after = T @ C[self.node], C[self.node + 1]
@@ -221,13 +231,16 @@ class TableTurns:
             columns["table_scale"] = self.angle[:, None, None] * (turned @ n)[:, :, None]
         if self.play_sd:
             columns["table_play"] = -self.reversed[:, None, None] * (turned @ n)[:, :, None]
+        if self.waves_sd:
+            columns["table_waves"] = -self.waves[:, None, :] * (turned @ n)[:, :, None]
         return Equations(r, self.node, own, following, problem.columns(columns, self.node.size))
 
     def part(self, keep: Indices) -> Self:
         """See `rest_problem.Knowledge`."""
         own = _inside(self.node, keep)
         back = self.reversed[own] if self.reversed.size else self.reversed
-        return replace(self, node=self.node[own] - keep[0], angle=self.angle[own], reversed=back)
+        waves = self.waves[own] if self.waves.size else self.waves
+        return replace(self, node=self.node[own] - keep[0], angle=self.angle[own], reversed=back, waves=waves)
 
 
 @dataclass(frozen=True)

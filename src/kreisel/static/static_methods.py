@@ -256,7 +256,10 @@ def _on_turntable(problem: RestProblem, table: TableAngles) -> Chosen:
     axes = np.einsum("kij,kj->ki", C[node], way[node] / angle[node, None])
     axis = np.median(axes / np.linalg.norm(axes, axis=1, keepdims=True), axis=0)
     axis /= np.linalg.norm(axis)
-    turns = TableTurns(node, angle[node], axis, _RATE_SCALE if table.by_rate else 0.0, _reversed(angle)[node])
+    multiples = best.place[:, None] * np.array([1.0, 2.0])
+    waves = np.diff(np.stack([np.cos(multiples), np.sin(multiples)], axis=2).reshape(-1, 4), axis=0)[node]
+    scale_sd = _RATE_SCALE if table.by_rate else 0.0
+    turns = TableTurns(node, angle[node], axis, scale_sd, _reversed(angle)[node], waves=waves)
     begun = _with_turns(start, way[node], turns, C[node])
     off = best.ratio - 1.0
     said = (_differing_clocks(off),) if off else ()
@@ -284,14 +287,16 @@ def _reversed(angle: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Agreement:
-    """Standstills by a clock of the table, its angles between them (M - 1,), and its turns that the gyros confirm.
+    """Standstills by a clock of the table, its turns between them (M - 1,), and those that the gyros confirm.
 
-    `way`: integrals of the rates (M - 1, 3); `share`: of the turns, those that are confirmed; `moved`: by how much the
-    table moves from beginning to end of a standstill, rad, on average; `ratio`: of its seconds to the IMU's.
+    `place`: its angles at them (M,); `way`: integrals of the rates (M - 1, 3); `share`: of the turns, those that are
+    confirmed; `moved`: by how much the table moves from beginning to end of a standstill, rad, on average; `ratio`: of
+    its seconds to the IMU's.
     """
 
     problem: RestProblem
     start: CellParameters
+    place: Array
     angle: Array
     way: Array
     node: Indices
@@ -315,7 +320,8 @@ def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array, ratio: f
     if np.count_nonzero(still) < MIN_ATTITUDES:
         return None
     problem = replace(problem, rests=rests.part(still))
-    angle = np.diff(0.5 * (begin + end)[still])
+    place = 0.5 * (begin + end)[still]
+    angle = np.diff(place)
     start = first_values(problem)
     way = _sums(problem, start)
     turned = np.abs(angle) > _TURNED
@@ -323,7 +329,7 @@ def _agreeing(problem: RestProblem, table: TableAngles, seconds: Array, ratio: f
     share = float(np.count_nonzero(agrees)) / max(float(np.count_nonzero(turned)), 1.0)
     edges = (np.interp(seconds[at], table.seconds, table.angles)[still] for at in (rests.first, rests.last - 1))
     moved = float(np.mean(np.abs(np.subtract(*edges))))
-    return _Agreement(problem, start, angle, way, np.flatnonzero(agrees), share, moved, ratio)
+    return _Agreement(problem, start, place, angle, way, np.flatnonzero(agrees), share, moved, ratio)
 
 
 def _clocks(imu: ImuSamples, table: TableAngles) -> list[tuple[Array, float]]:

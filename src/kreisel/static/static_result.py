@@ -12,15 +12,14 @@ from kreisel.errors import RecordingError
 from kreisel.estimation.uncertainty import Contribution, along
 from kreisel.estimation.uncertainty_budget import Source
 from kreisel.geometry.rotation import Array, Mask, skew
-from kreisel.model.considered_terms import MIN_GAIN, USUAL_ODDS
 from kreisel.preparation.axis_order import LEFT_HANDED_GYROS, disorder, in_order, turn_between
 from kreisel.preparation.gravity import NO_LATITUDE, UNKNOWN_SD, site_of
 from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning, Recording
 from kreisel.static.count_sizes import in_quantities
-from kreisel.static.known_attitudes import Faces, TableTurns
+from kreisel.static.known_attitudes import Faces
 from kreisel.static.lost_share import lost_share
-from kreisel.static.multi_position import StaticEstimate, estimate_static, part_about, shows_even_terms, undecided_by
+from kreisel.static.multi_position import StaticEstimate, estimate_static, part_about, shows_even_terms
 from kreisel.static.rate_size import check_rate_size
 from kreisel.static.rest_problem import RestProblem, nuisance, raw_of
 from kreisel.static.rest_search import find_rests
@@ -29,6 +28,7 @@ from kreisel.static.slow_turn import common_turn, effect_of
 from kreisel.static.static_methods import SQUARENESS, Chosen, with_method
 from kreisel.static.static_parts import Judged, budget_of, parts_of
 from kreisel.static.static_verdict import LOST, SKIPPED, judge_static
+from kreisel.static.table_errors import with_table_errors
 from kreisel.static.truncation import with_truncation
 from kreisel.static.vertical_turn import effect_of_vertical, vertical_turn
 from kreisel.units import MRAD
@@ -62,13 +62,6 @@ _NOT_SQUARE = (
     "were expected (--squareness)"
 )
 """What is said of such a case."""
-
-_PLAY = 3e-3
-"""rad; deviation of the play of a turntable's gear. Chosen: worm gears have some arc minutes, worn ones a quarter of a
-degree."""
-
-_LOOSE = "the turntable's angles are off by a play of {play:.2g} mrad wherever it turns back; that is estimated"
-"""What is said of such a turntable."""
 
 _HALF = 10
 """Fewest standstills of half a recording that is compared with the other half."""
@@ -207,7 +200,7 @@ def concluded(
     """
     found = estimate_static(chosen.problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
     chosen, found = _skewed(chosen, found, progress)
-    chosen, found = _with_play(chosen, found, progress)
+    chosen, found = with_table_errors(chosen, found, progress)
     chosen, found = with_truncation(chosen, found, progress)
     if chosen.counts is None:  # the sign of a count is a part of what is found
         _check_axes(found)
@@ -262,25 +255,6 @@ def _skewed(chosen: Chosen, found: StaticEstimate, progress: Progress | None) ->
         return chosen, found
     said = DataWarning("method", _NOT_SQUARE.format(angle=angle / MRAD, stated=stated / MRAD))
     return replace(chosen, warnings=(*chosen.warnings, said)), found
-
-
-def _with_play(chosen: Chosen, found: StaticEstimate, progress: Progress | None) -> tuple[Chosen, StaticEstimate]:
-    """Return method and estimate with the play of a turntable's gear, if the data show one.
-
-    An encoder on the motor's side counts it wherever the table turns back. Where they do not decide, what it would do
-    to the parameters counts by its probability.
-    """
-    table = next((one for one in found.problem.known if isinstance(one, TableTurns)), None)
-    if table is None or not table.reversed.any():
-        return chosen, found
-    known = tuple(replace(one, play_sd=_PLAY) if one is table else one for one in found.problem.known)
-    loose = replace(chosen, problem=replace(chosen.problem, known=known))
-    other = estimate_static(loose.problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
-    if other.log_evidence - found.log_evidence < MIN_GAIN:
-        return chosen, replace(found, undecided=np.hstack([found.undecided, undecided_by(found, other, USUAL_ODDS)]))
-    play = abs(float(nuisance(other.parameters, "table_play", 1)[0]))
-    said = DataWarning("method", _LOOSE.format(play=play / MRAD))
-    return replace(loose, warnings=(*chosen.warnings, said)), other
 
 
 def _check_axes(found: StaticEstimate) -> None:
