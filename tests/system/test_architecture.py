@@ -158,6 +158,7 @@ THROUGH = {
     "kreisel.calibration.joint_outcome": "tests/scenarios/test_joint.py",
     "kreisel.calibration.stream_correction": "tests/unit/calibration/test_correct.py",
     "kreisel.calibration.array_checks": "tests/unit/calibration/test_correct.py",
+    "kreisel.static.table_errors": "tests/scenarios/test_standstills.py",  # through `calibrate_static`
     "kreisel.station": "tests/system/test_station.py",
     "kreisel.study": "tests/unit/study/test_robustness.py",
     "kreisel.simulation": "tests/system/test_simulate.py",

@@ -39,6 +39,8 @@ def kinds(rng):
             1e-3,
             np.array([0.0, -1.0, 1.0]),
             2e-3,
+            rng.uniform(-2.0, 2.0, (3, 4)),
+            2e-3,
         ),
         HingeTurns(np.array([0, 1, 4, 5]), np.array([0, 0, 1, 1]), np.array([[0.6, 0.0, 0.8], [0.0, -1.0, 0.0]])),
     )
