@@ -1,7 +1,8 @@
 """Whether an IMU of an array turned on the body, or its clock jumped, at some moment of a recording.
 
 Its rates then differ from the others' before and after: by a rotation of the rates, or along their derivative. A
-constant rotation and delay, a matrix that errs, offsets, and clocks of another rate are in all of the recording alike.
+constant rotation and delay, a matrix that errs, and clocks of another rate are in all of the recording alike; offsets
+drift slowly.
 """
 
 from __future__ import annotations
@@ -31,8 +32,14 @@ three units the other two change by half of it."""
 RICH = 0.03
 """Share of the information of usual parts that a part must have to show a change by itself."""
 
+_FEWEST = 5
+"""Pieces by whose scatter a change is judged. Chosen: of four steps three are without it, and the median is theirs."""
+
 _SIZES = (0.03, 0.4)
 """Rates, over those of the fastest part, from which a part is a slow one, and a fast one."""
+
+_DRIFT = 3
+"""Degree of offsets that drift. Chosen: units that warm up are no units that turn."""
 
 _MEDIANS = {1: 0.455, 3: 2.366}
 """Medians of chi-square, by degrees of freedom."""
@@ -96,13 +103,14 @@ def sudden_change(seconds: Array, rates: Array, slope: Array) -> SuddenChange | 
 def _changes(number: int, seconds: Array, own: Array, others: Array, slope: Array) -> list[SuddenChange]:
     """Return the clearest turn and the clearest delay of an IMU against the others' mean (n, 3), if there are any."""
     late, part = in_parts(seconds)
+    bend = np.gradient(slope, seconds, axis=0)
     power = np.bincount(part, np.sum(others**2, axis=1), PARTS) / np.maximum(np.bincount(part, minlength=PARTS), 1)
     out: dict[bool, SuddenChange] = {}
     for group in _alike(power):
         used = group[part]
         if not used.any():
             continue
-        lasting = _lasting(others[used], slope[used], late[used])
+        lasting = _lasting(others[used], slope[used], bend[used], late[used])
         left = _without(lasting, own[used] - others[used])
         for turn, X in ((True, -skew(others[used])), (False, slope[used][:, :, None])):
             k, size, weight = _clearest(*_sums(part[used], X, lasting, left), np.flatnonzero(group))
@@ -128,7 +136,7 @@ def lasting_difference(own: Array, others: Array, slope: Array, late: Array) -> 
     late : (n,)
         Time, from 0 to 1.
     """
-    return _without(_lasting(others, slope, late), own - others)
+    return _without(_lasting(others, slope, np.gradient(slope, late, axis=0), late), own - others)
 
 
 def _without(lasting: Array, values: Array) -> Array:
@@ -136,12 +144,17 @@ def _without(lasting: Array, values: Array) -> Array:
     return np.asarray(values - lasting @ _least_squares(lasting, values))
 
 
-def _lasting(rates: Array, slope: Array, late: Array) -> Array:
-    """Return what is alike all the time, (n, 3, 14): a matrix, offsets, a delay and what it gains."""
-    X = np.zeros((len(rates), 3, 14))
+def _lasting(rates: Array, slope: Array, bend: Array, late: Array) -> Array:
+    """Return what is alike all the time, or changes slowly, (n, 3, 24).
+
+    A matrix, offsets and their drift, a delay and what it gains, and a filter's second order.
+    """
+    X = np.zeros((len(rates), 3, 24))
+    drift = late[:, None] ** np.arange(_DRIFT + 1)
     for j in range(3):
-        X[:, j, 3 * j : 3 * j + 3], X[:, j, 9 + j] = rates, 1.0
-    X[:, :, 12], X[:, :, 13] = slope, late[:, None] * slope
+        X[:, j, 3 * j : 3 * j + 3] = rates
+        X[:, j, 9 + 4 * j : 13 + 4 * j] = drift
+    X[:, :, 21], X[:, :, 22], X[:, :, 23] = slope, late[:, None] * slope, bend
     return X
 
 
@@ -179,27 +192,45 @@ def _sums(part: Indices, X: Array, lasting: Array, left: Array) -> tuple[Array, 
 
 
 def _clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indices) -> tuple[int, float, float]:
-    """Return the first part after the clearest change, its size, and its chi-square over the scatter of the parts.
+    """Return the first part after the clearest change, its size, and its chi-square over the scatter of the pieces.
 
     group: numbers of the parts that are compared; of others the sums are zero.
     """
     p = score.shape[1]
-    least = RICH * float(np.trace(info.sum(axis=0))) / (p * group.size)
-    rich = np.linalg.eigvalsh(info)[:, 0] > least
-    places = np.flatnonzero(rich)[_EDGE:-_EDGE]
-    if places.size < 2:
+    begins = _pieces(info, RICH * float(np.trace(info.sum(axis=0))) / (p * group.size))
+    if begins.size < _FEWEST:
         return 0, 0.0, 0.0
-    value = np.linalg.solve(info[rich], score[rich][..., None])[..., 0]
-    spread = np.linalg.inv(info[rich])
+    info, cross, score = (np.add.reduceat(values, begins) for values in (info, cross, score))
+    value = np.linalg.solve(info, score[..., None])[..., 0]
+    spread = np.linalg.inv(info)
     scatter = excess_of_steps(value[1:] - value[:-1], spread[1:] + spread[:-1])
-    A, C, b = (from_here(values)[places] for values in (info, cross, score))
+    inner = (begins >= begins[0] + _EDGE) & (begins <= group[-1] + 1 - _EDGE)
+    inner[[0, -1]] = False
+    A, C, b = (from_here(values)[inner] for values in (info, cross, score))
     # what lasts is estimated, too: differences have no share of it
     V = A - C @ np.linalg.pinv(whole, rcond=1e-12, hermitian=True) @ np.swapaxes(C, 1, 2)
     V += 1e-6 * np.trace(A[0]) * np.eye(p)
     size = np.linalg.solve(V, b[..., None])[..., 0]
     weight = np.einsum("ki,ki->k", size, b) / scatter
     best = int(np.argmax(weight))
-    return int(places[best]), float(np.linalg.norm(size[best])), float(weight[best])
+    return int(begins[inner][best]), float(np.linalg.norm(size[best])), float(weight[best])
+
+
+def _pieces(info: Array, least: float) -> Indices:
+    """Return the first parts of pieces, of one part or several, that each show a change in all directions.
+
+    A turn from attitude to attitude by hand is about one axis, and shows none about this. What is left at the end
+    belongs to the last piece.
+    """
+    begins, own = [0], np.zeros_like(info[0])
+    for k, part in enumerate(info):
+        if np.linalg.eigvalsh(own)[0] > least:
+            begins.append(k)
+            own = np.zeros_like(own)
+        own = own + part
+    if np.linalg.eigvalsh(own)[0] <= least:
+        begins.pop()
+    return np.array(begins, dtype=int)
 
 
 def excess_of_steps(steps: Array, covariances: Array) -> float:
