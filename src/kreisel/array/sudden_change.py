@@ -41,6 +41,9 @@ _SIZES = (0.03, 0.4)
 _DRIFT = 3
 """Degree of offsets that drift. Chosen: units that warm up are no units that turn."""
 
+_SPIKE = 10.0
+"""Deviations from neighbours from which a difference is a spike, and says nothing. Chosen: motion is smooth."""
+
 _MEDIANS = {1: 0.455, 3: 2.366}
 """Medians of chi-square, by degrees of freedom."""
 
@@ -58,7 +61,9 @@ class SuddenChange:
     size
         rad, or s.
     weight
-        Chi-square by which the data show it.
+        Chi-square by which the data show it, over the scatter of the parts.
+    explained
+        Chi-square by which it is seen, over noise alone.
     turn
         Whether it is a rotation, and not a delay.
     """
@@ -67,6 +72,7 @@ class SuddenChange:
     seconds: float
     size: float
     weight: float
+    explained: float
     turn: bool
 
     @property
@@ -97,7 +103,7 @@ def sudden_change(seconds: Array, rates: Array, slope: Array) -> SuddenChange | 
         usual = own[1].size * _ALONE if len(own) > 1 else least * (_OF_TWO if count == 2 else 1.0)
         if own and own[0].size > max(usual, least):
             found.append(own[0])
-    return max(found, key=lambda change: change.weight, default=None)
+    return max(found, key=lambda change: change.explained, default=None)
 
 
 def _changes(number: int, seconds: Array, own: Array, others: Array, slope: Array) -> list[SuddenChange]:
@@ -111,13 +117,27 @@ def _changes(number: int, seconds: Array, own: Array, others: Array, slope: Arra
         if not used.any():
             continue
         lasting = _lasting(others[used], slope[used], bend[used], late[used])
-        left = _without(lasting, own[used] - others[used])
+        left = own[used] - others[used]
+        smooth = ~_spikes(left)[:, None]
+        lasting, left = lasting * smooth[:, :, None], left * smooth
+        left = _without(lasting, left)
         for turn, X in ((True, -skew(others[used])), (False, slope[used][:, :, None])):
-            k, size, weight = _clearest(*_sums(part[used], X, lasting, left), np.flatnonzero(group))
+            sums = _sums(part[used], X * smooth[:, :, None], lasting, left)
+            k, size, weight, explained = _clearest(*sums, np.flatnonzero(group))
             if weight > max(_SURE, out[turn].weight if turn in out else 0.0):
                 when = float(seconds[0] + (seconds[-1] - seconds[0]) * k / PARTS)
-                out[turn] = SuddenChange(number, when, size, weight, turn)
+                out[turn] = SuddenChange(number, when, size, weight, explained, turn)
     return list(out.values())
+
+
+def _spikes(left: Array) -> Mask:
+    """Return where differences of rates (n, 3) have a spike, (n,), with the samples beside it."""
+    bend = left[1:-1] - 0.5 * (left[:-2] + left[2:])
+    sharp = np.any(np.abs(bend) > _SPIKE * normal_scale(bend), axis=1)
+    out = np.zeros(len(left), dtype=bool)
+    for shift in range(3):
+        out[shift : len(left) - 2 + shift] |= sharp
+    return out
 
 
 def in_parts(seconds: Array) -> tuple[Array, Indices]:
@@ -181,7 +201,7 @@ def _sums(part: Indices, X: Array, lasting: Array, left: Array) -> tuple[Array, 
     Information (parts, p, p), that in common with what lasts (parts, p, q), score (parts, p), and the information about
     what lasts (q, q).
     """
-    variance = max(normal_scale(left) ** 2, 1e-30)
+    variance = max(normal_scale(left[np.any(left != 0.0, axis=1)]) ** 2, 1e-30)
     p, q = X.shape[2], lasting.shape[2]
     info, cross, score = np.zeros((PARTS, p, p)), np.zeros((PARTS, p, q)), np.zeros((PARTS, p))
     np.add.at(info, part, np.swapaxes(X, 1, 2) @ X / variance)
@@ -191,15 +211,15 @@ def _sums(part: Indices, X: Array, lasting: Array, left: Array) -> tuple[Array, 
     return info, cross, score, rows.T @ rows / variance
 
 
-def _clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indices) -> tuple[int, float, float]:
-    """Return the first part after the clearest change, its size, and its chi-square over the scatter of the pieces.
+def _clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indices) -> tuple[int, float, float, float]:
+    """Return the first part after the clearest change, its size, and its chi-square over pieces' scatter, and noise.
 
     group: numbers of the parts that are compared; of others the sums are zero.
     """
     p = score.shape[1]
     begins = _pieces(info, RICH * float(np.trace(info.sum(axis=0))) / (p * group.size))
     if begins.size < _FEWEST:
-        return 0, 0.0, 0.0
+        return 0, 0.0, 0.0, 0.0
     info, cross, score = (np.add.reduceat(values, begins) for values in (info, cross, score))
     value = np.linalg.solve(info, score[..., None])[..., 0]
     spread = np.linalg.inv(info)
@@ -211,9 +231,10 @@ def _clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indi
     V = A - C @ np.linalg.pinv(whole, rcond=1e-12, hermitian=True) @ np.swapaxes(C, 1, 2)
     V += 1e-6 * np.trace(A[0]) * np.eye(p)
     size = np.linalg.solve(V, b[..., None])[..., 0]
-    weight = np.einsum("ki,ki->k", size, b) / scatter
-    best = int(np.argmax(weight))
-    return int(begins[inner][best]), float(np.linalg.norm(size[best])), float(weight[best])
+    explained = np.einsum("ki,ki->k", size, b)
+    best = int(np.argmax(explained))
+    found = float(explained[best])
+    return int(begins[inner][best]), float(np.linalg.norm(size[best])), found / scatter, found
 
 
 def _pieces(info: Array, least: float) -> Indices:

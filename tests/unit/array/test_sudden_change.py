@@ -55,6 +55,38 @@ def test_a_unit_that_turns_is_named(count, number, at):
     assert "turns against the others by " in found.text
 
 
+def attitudes(count):
+    """Return rates of turns by hand about one axis after the other, with pauses, and their derivative."""
+    rng = np.random.default_rng(4)
+    rates, slope = np.zeros((T.size, 3)), np.zeros((T.size, 3))
+    for begin in np.arange(2.0, SECONDS - 4.0, 4.0):
+        size = rng.choice([-1.0, 1.0]) * np.eye(3)[rng.integers(3)]
+        inside = (begin <= T) & (begin + 2.0 > T)
+        rates[inside] += np.sin(0.5 * np.pi * (T[inside] - begin))[:, None] ** 2 * size
+        slope[inside] += 0.5 * np.pi * np.sin(np.pi * (T[inside] - begin))[:, None] * size
+    return np.array([rates @ (np.eye(3) + 1e-2 * rng.normal(size=(3, 3))) for _ in range(count)]), slope
+
+
+@pytest.mark.parametrize(("count", "number"), [(2, 1), (4, 2)])
+def test_a_unit_that_turns_between_attitudes_is_named(count, number):
+    """A turn by hand shows no rotation about its own axis: parts with one turn do not show one alone."""
+    rates, slope = attitudes(count)
+    rates += 1e-3 * np.random.default_rng(5).normal(size=rates.shape)
+    assert sudden_change(T, rates, slope) is None
+    turned(rates, number, angle=2e-2)
+    found = sudden_change(T, rates, slope)
+    assert (found.number, found.turn) == (number, True)
+    assert found.size == pytest.approx(2e-2, rel=0.2)
+
+
+def test_offsets_that_drift_and_spikes_are_no_turn():
+    rates, slope = attitudes(3)
+    rates += 1e-3 * np.random.default_rng(6).normal(size=rates.shape)
+    rates[1] += 0.02 * (1.0 - np.exp(-T / 60.0))[:, None]
+    rates[2, ::97, 0] += 3.0
+    assert sudden_change(T, rates, slope) is None
+
+
 @pytest.mark.parametrize(("count", "number"), [(2, 1), (4, 0)])
 def test_a_clock_that_jumps_is_named(count, number):
     rates, slope = units(count)
