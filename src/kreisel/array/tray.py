@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from kreisel.array.left_out import in_words, reason_of
+from kreisel.array.left_out import COPY, in_words, reason_of
 from kreisel.array.mean_imu import Aligned, BaseRows, MeanImu, align, gains_of
 from kreisel.array.mount_watch import Turn
 from kreisel.array.resampled import Resampled, resampled
@@ -323,7 +323,7 @@ class _Tray:
                 of_readings = hash(read(name).imu.rates.tobytes())
                 other = seen.setdefault(of_readings, name)
                 if other != name:
-                    left_out[name] = f"holds the readings of {other}: check how the files were written"
+                    left_out[name] = COPY.format(other=other)
                     continue
                 units[name], readings = found
                 mean.add(units[name], readings)

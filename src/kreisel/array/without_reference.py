@@ -10,8 +10,9 @@ import numpy as np
 
 from kreisel.array.array_fit import ArrayFit, fit_array
 from kreisel.array.array_outcome import ArrayMember, ArrayOutcome
+from kreisel.array.contrary_forces import CONTRARY, contrary_forces
 from kreisel.array.hand_motion import HandMotion, hand_motion, matrix_deviation
-from kreisel.array.left_out import in_words, reason_of
+from kreisel.array.left_out import check_copy, in_words, reason_of
 from kreisel.array.mean_imu import MIN_EXPLAINED
 from kreisel.array.relative_pose import RelativePose
 from kreisel.array.resampled import clipped_samples, resampled
@@ -76,11 +77,9 @@ def locate(
     if progress is not None:
         progress("estimate positions", 0.5)
     motion = hand_motion(imus, sensors, clocks, [~_clipped(imu) for imu in imus])
-    if motion.change is not None:
-        changed = members[motion.change.number].name
-        left_out[changed] = motion.change.text
-        if len(members) < 3:
-            raise RecordingError(f"{changed}: {motion.change.text}", file=recordings[0].path)
+    faulty = _faulty(motion, [member.name for member in members], recordings[0])
+    if faulty:
+        left_out |= faulty
         rest = locate(read, [name for name in names if name not in left_out], progress)
         return replace(rest, left_out=(*left_out.items(), *rest.left_out))
     fit = _fitted(members, imus, motion)
@@ -91,6 +90,28 @@ def locate(
         fit = _fitted(members, imus, motion)
         fit = replace(fit, ahead=fit.ahead + ahead)
     return _concluded(recordings[0], members, imus, motion, fit, tuple(left_out.items()))
+
+
+def _faulty(motion: HandMotion, names: Sequence[str], recording: Recording) -> dict[str, str]:
+    """Return the IMUs that are no part of one body, and why; the first ones that are found.
+
+    Raises
+    ------
+    RecordingError
+        If it is not clear which of them are.
+    """
+    if motion.change is not None:
+        found = {names[motion.change.number]: motion.change.text}
+    else:
+        contrary = contrary_forces(motion)
+        if contrary is None:
+            raise RecordingError(
+                f"of {' and '.join(names)}, which contradict each other: {CONTRARY}", file=recording.path
+            )
+        found = {names[k]: CONTRARY for k in contrary}
+    if found and len(names) - len(found) < 2:
+        raise RecordingError(in_words(found), file=recording.path)
+    return found
 
 
 def _at_once(imu: ImuSamples, ahead: float) -> ImuSamples:
@@ -122,6 +143,7 @@ def _together(
         for name in (*names[k + 1 :], *names[:k]):
             try:
                 recording = read(name)
+                check_copy(recording.imu, {other: of.imu for other, (of, _) in found.items()})
                 clock = clock_of(recording.imu, base.imu, first)
                 _check_turn(recording.imu, clock, base.imu, first)
                 check_dead(recording.imu)

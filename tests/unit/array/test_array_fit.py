@@ -9,7 +9,9 @@ from scipy.signal import lfilter
 
 from kreisel.array import array_fit
 from kreisel.array.array_fit import fit_array
+from kreisel.array.contrary_forces import contrary_forces
 from kreisel.array.hand_motion import hand_motion, matrix_deviation
+from kreisel.array.left_out import check_copy
 from kreisel.array.without_reference import _check_turn, _clipped, rest_rotations
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import exp, from_matrix, log, matrix
@@ -47,10 +49,14 @@ def array(seed, count, folder, *, noise=1e-3, jitter=0.0, gyro_scale=0.0, beyond
 STEP = 1e-3
 
 
-def found_of(imus, gyro=1e-6, *, calibrated=True, good=None):
+def motion_of(imus, good=None):
     clocks = [Clock(1e-3 * (k > 0)) for k in range(len(imus))]
     good = good or [np.ones(imu.stamps_ns.size, bool) for imu in imus]
-    motion = hand_motion(imus, [SensorParameters.ideal()] * len(imus), clocks, good)
+    return hand_motion(imus, [SensorParameters.ideal()] * len(imus), clocks, good)
+
+
+def found_of(imus, gyro=1e-6, *, calibrated=True, good=None):
+    motion = motion_of(imus, good)
     return fit_array(motion, np.full(9, gyro), [calibrated] * len(motion.axes)), motion
 
 
@@ -75,6 +81,26 @@ def test_places_and_rotations_are_found_within_their_deviations(count, tmp_path)
             assert motion.clocks[k].start == pytest.approx(0.0, abs=2e-5)
             assert motion.clocks[k].skew == pytest.approx(-1e-5 * k, abs=2e-6)
     assert 0.3 < np.mean(squares) < 2.5
+
+
+SIGN, ALL_SIGNS, SWAPPED = np.diag([-1.0, 1.0, 1.0]), -np.eye(3), np.eye(3)[[1, 0, 2]]
+
+
+@pytest.mark.parametrize("wrong", [SIGN, ALL_SIGNS, SWAPPED], ids=["a sign", "all signs", "two columns"])
+@pytest.mark.parametrize("number", [0, 2])
+def test_an_imu_whose_accelerations_contradict_the_others_is_named(wrong, number, tmp_path):
+    imus, _ = array(7, 4, tmp_path)
+    assert contrary_forces(motion_of(imus)) == ()
+    imus[number] = replace(imus[number], accelerations=imus[number].accelerations @ wrong.T)
+    assert contrary_forces(motion_of(imus)) == (number,)
+    assert contrary_forces(motion_of([imus[number], imus[1]])) is None
+
+
+def test_a_copy_of_another_imu_is_named(tmp_path):
+    imus, _ = array(7, 2, tmp_path)
+    check_copy(imus[0], {"imu1": imus[1]})
+    with pytest.raises(RecordingError, match="holds the readings of imu1"):
+        check_copy(replace(imus[1], source=tmp_path), {"imu0": imus[0], "imu1": imus[1]})
 
 
 def test_moments_of_reading_that_differ_are_found(tmp_path):
