@@ -24,7 +24,7 @@ YEAR = 365.25
 """Days."""
 
 SHOWN = 3.0
-"""Standard deviations beyond which a change is called ageing, where they are known."""
+"""Standard deviations beyond which a change is called ageing, where many values tell the scatter."""
 
 _STUDENT = (np.inf, 235.8, 19.21, 9.219, 6.620, 5.507, 4.904, 4.530, 4.277, 4.094, 3.957)
 """The same probability by Student's distribution, where 0, 1, 2, ... degrees of freedom tell the scatter."""
@@ -54,7 +54,7 @@ class Ageing:
     covariance : (2, 2)
         Of level and rate.
     free
-        Degrees of freedom of the scatter: calibrations less parameters.
+        Degrees of freedom of the scatter: values of the quantity less parameters.
     """
 
     level: float
@@ -76,15 +76,13 @@ class Ageing:
     def significant(self) -> bool:
         """Whether the change a year is larger than three of its standard deviations: a unit has 24 figures.
 
-        More are asked for where few calibrations tell the scatter. Two never show ageing: their difference may be the
-        scatter from one calibration to the next.
+        More are asked for where few calibrations tell the scatter, also where they show none. Two never show ageing:
+        their difference may be the scatter from one calibration to the next.
         """
         return bool(np.isfinite(self.rate) and abs(self.rate) > self._needed * self.rate_sd)
 
     @property
     def _needed(self) -> float:
-        if self.free > 0 and self.scatter == 0.0:
-            return SHOWN
         return _STUDENT[self.free] if self.free < len(_STUDENT) else SHOWN * (1.0 + 3.3 / self.free)
 
 
@@ -184,7 +182,7 @@ def history_of(unit: str, runs: Sequence[Run], limits: Limits | None, most_month
     for quantity in OF_DEVICE:
         values, deviations = figures_of(used, quantity)
         values = np.where(deviations > 0.0, values, np.nan)  # others were held
-        ageing = tuple(aged(years, values[:, i], deviations[:, i]) for i in range(3))
+        ageing = aged(years, values, deviations)
         trends.append(Trend(quantity, years, values, deviations, ageing, limits_of(limits, quantity)))
     return History(
         unit, tuple(used), days, tuple(trends), tuple(left_out), _at_most(_due(trends, days[-1]), days[-1], most_months)
@@ -198,47 +196,73 @@ def _day(run: Run) -> date | None:
         return None
 
 
-def aged(years: Array, values: Array, deviations: Array) -> Ageing:
-    """Return level and change a year of values (n,) at so many years before the last one.
+def aged(years: Array, values: Array, deviations: Array) -> tuple[Ageing, ...]:
+    """Return level and change a year of each figure of a quantity, (n, k), at so many years before the last one.
 
     Notes
     -----
-    Values without a deviation were held, not estimated, and do not count. The scatter makes the weighted sum of squared
-    residuals what is expected of it, n less the number of parameters (Paule and Mandel 1982); it is found by bisection.
-    Without several dates there is no rate, without more values than parameters no scatter.
+    Values without a deviation were held, not estimated, and do not count. The figures of a quantity have one scatter:
+    it makes the weighted sum of squared residuals what is expected of it, the number of values less that of parameters
+    (Paule and Mandel 1982); it is found by bisection. Without several dates there is no rate, without more values than
+    parameters no scatter.
     """
     good = np.isfinite(values) & np.isfinite(deviations) & (deviations > 0.0)
-    t, y, sd = years[good], values[good], deviations[good]
-    if not t.size:
-        return Ageing(np.nan, np.nan, np.nan, np.nan, 0.0, np.full((2, 2), np.nan))
-    several = np.unique(t).size > 1
-    A = np.column_stack([np.ones_like(t), t]) if several else np.ones((t.size, 1))
-    scatter = _scatter(A, y, sd)
-    x, P = _fitted(A, y, sd, scatter)
-    full = np.full((2, 2), np.nan)
-    full[: x.size, : x.size] = P
-    rate, rate_sd = (float(x[1]), float(np.sqrt(P[1, 1]))) if several else (np.nan, np.nan)
-    return Ageing(float(x[0]), float(np.sqrt(P[0, 0])), rate, rate_sd, scatter, full, t.size - x.size)
+    lines = [_Line.of(years[own], y[own], sd[own]) for own, y, sd in zip(good.T, values.T, deviations.T, strict=True)]
+    free = sum(line.free for line in lines)
+    scatter = _scatter(lines, free)
+    return tuple(line.ageing(scatter, free) for line in lines)
 
 
-def _fitted(A: Array, y: Array, sd: Array, scatter: float) -> tuple[Array, Array]:
-    weight = 1.0 / np.hypot(sd, scatter)
-    P = np.linalg.pinv((A * weight[:, None]).T @ (A * weight[:, None]))
-    return np.asarray(P @ ((A * weight[:, None]).T @ (y * weight))), np.asarray(P)
+@dataclass(frozen=True)
+class _Line:
+    """Columns A (n, 1) or (n, 2) of a line in time, its values and their deviations (n,)."""
+
+    A: Array
+    y: Array
+    sd: Array
+
+    @classmethod
+    def of(cls, t: Array, y: Array, sd: Array) -> _Line:
+        several = np.unique(t).size > 1
+        return cls(np.column_stack([np.ones_like(t), t]) if several else np.ones((t.size, 1)), y, sd)
+
+    @property
+    def free(self) -> int:
+        """Values less parameters; of none there are none."""
+        return max(self.y.size - self.A.shape[1], 0)
+
+    def fitted(self, scatter: float) -> tuple[Array, Array]:
+        """Return level and rate, with their covariance."""
+        weight = 1.0 / np.hypot(self.sd, scatter)
+        A = self.A * weight[:, None]
+        P = np.linalg.pinv(A.T @ A)
+        return np.asarray(P @ (A.T @ (self.y * weight))), np.asarray(P)
+
+    def square(self, scatter: float) -> float:
+        """Return the weighted sum of squared residuals."""
+        x, _ = self.fitted(scatter)
+        return float(np.sum((self.y - self.A @ x) ** 2 / (self.sd**2 + scatter**2)))
+
+    def ageing(self, scatter: float, free: int) -> Ageing:
+        """Return the line as a change with time; free: values less parameters by which the scatter is known."""
+        full = np.full((2, 2), np.nan)
+        if not self.y.size:
+            return Ageing(np.nan, np.nan, np.nan, np.nan, 0.0, full)
+        x, P = self.fitted(scatter)
+        full[: x.size, : x.size] = P
+        rate, rate_sd = (float(x[1]), float(np.sqrt(P[1, 1]))) if x.size > 1 else (np.nan, np.nan)
+        return Ageing(float(x[0]), float(np.sqrt(P[0, 0])), rate, rate_sd, scatter, full, free)
 
 
-def _scatter(A: Array, y: Array, sd: Array) -> float:
-    free = y.size - A.shape[1]
-    if free <= 0:
-        return 0.0
+def _scatter(lines: Sequence[_Line], free: int) -> float:
+    used = [line for line in lines if line.free]
 
     def excess(scatter: float) -> float:
-        x, _ = _fitted(A, y, sd, scatter)
-        return float(np.sum((y - A @ x) ** 2 / (sd**2 + scatter**2))) - free
+        return sum(line.square(scatter) for line in used) - free
 
-    low, high = 0.0, float(np.ptp(y)) + float(sd.max())
-    if excess(low) <= 0.0:
+    if not used or excess(0.0) <= 0.0:
         return 0.0
+    low, high = 0.0, max(float(np.ptp(line.y)) + float(line.sd.max()) for line in used)
     for _ in range(_STEPS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
@@ -285,7 +309,8 @@ def _due(trends: Sequence[Trend], last: date) -> Due:
                 own = COVERAGE * float(trend.deviations[-1, axis])
                 change = np.abs(ageing.rate) * ahead + COVERAGE * np.sqrt(ageing.rate_sd**2 * ahead**2)
                 over = change > np.sqrt(3.0) * np.hypot(own, COVERAGE * ageing.scatter)
-                text = f"the uncertainty of {label} has doubled by ageing"
+                has = "has" if ageing.significant else "may have"
+                text = f"the uncertainty of {label} {has} doubled by ageing{_not_known(ageing)}"
             if over.any() and ahead[int(np.argmax(over))] < best:
                 best, reason = float(ahead[int(np.argmax(over))]), text
     if not np.isfinite(best):

@@ -31,10 +31,14 @@ def run(k: int, day: date | None, bias: float, sd: float = 0.5, *, accepted: boo
                json.dumps(own.document))  # fmt: skip
 
 
+def alone(t, y, sd):
+    return aged(t, y[:, None], sd[:, None])[0]
+
+
 def test_a_line_without_scatter_is_that_of_least_squares():
     t, sd = np.array([-3.0, -2.0, -0.5, 0.0]), np.array([0.5, 0.2, 0.4, 0.3])
     y = 7.0 + 2.0 * t + np.array([0.01, -0.02, 0.03, 0.0])
-    found = aged(t, y, sd)
+    found = alone(t, y, sd)
     p, P = np.polyfit(t, y, 1, w=1.0 / sd, cov="unscaled")
     assert found.scatter == 0.0
     assert (found.rate, found.level) == pytest.approx(tuple(p))
@@ -51,7 +55,7 @@ def test_rates_have_their_deviations_and_the_scatter_is_found():
     scores, scatters = [], []
     for _ in range(400):
         y = 1.0 - 0.4 * t + rng.normal(0.0, 0.3, 12) + rng.normal(0.0, 0.1, 12)
-        found = aged(t, y, np.full(12, 0.1))
+        found = alone(t, y, np.full(12, 0.1))
         scores.append((found.rate + 0.4) / found.rate_sd)
         scatters.append(found.scatter)
     # Student's distribution with ten degrees of freedom: variance 10 / 8
@@ -60,7 +64,7 @@ def test_rates_have_their_deviations_and_the_scatter_is_found():
 
 
 def test_one_date_has_no_rate():
-    found = aged(np.zeros(3), np.array([1.0, 2.0, 3.0]), np.full(3, 10.0))
+    found = alone(np.zeros(3), np.array([1.0, 2.0, 3.0]), np.full(3, 10.0))
     assert found.level == pytest.approx(2.0)
     assert np.isnan(found.rate)
     assert not found.significant
@@ -114,15 +118,19 @@ def test_what_cannot_be_used_is_left_out_and_said():
 
 @pytest.mark.slow
 def test_ageing_is_shown_as_often_as_said_also_by_few_calibrations():
-    """Scatter larger than the deviations, no ageing: the thresholds are those of Student's distribution."""
+    """Scatter of any size, no ageing: the thresholds are those of Student's distribution."""
     stats = pytest.importorskip("scipy.stats")
     for free, needed in enumerate(_STUDENT[1:], 1):
         assert needed == pytest.approx(stats.t.ppf(stats.norm.cdf(3.0), free), rel=1e-3)
-    rng, shown = np.random.default_rng(5), 0
-    for _ in range(2000):
-        shown += aged(np.array([-3.0, -2.0, -1.0, 0.0]), rng.normal(0.0, 1.0, 4), np.full(4, 0.05)).significant
-    assert shown <= 16  # 0.27 % are 5
-    two = aged(np.array([-1.0, 0.0]), np.array([0.0, 9.0]), np.full(2, 0.1))
+    rng = np.random.default_rng(5)
+    for count in (3, 4, 6):
+        for scatter in (0.0, 1.0, 3.0, 20.0):  # of the deviations
+            t, sd, shown = np.arange(1.0 - count, 1.0), np.full((count, 3), 0.05), 0
+            for _ in range(300):
+                y = rng.normal(0.0, 0.05 * np.hypot(1.0, scatter), (count, 3))
+                shown += sum(one.significant for one in aged(t, y, sd))
+            assert shown <= 9, (count, scatter)  # 0.27 % of 900 are 2.4
+    two = alone(np.array([-1.0, 0.0]), np.array([0.0, 9.0]), np.full(2, 0.1))
     assert two.rate == pytest.approx(9.0)
     assert not two.significant
 
@@ -136,10 +144,10 @@ def test_two_dates_give_no_due_date_without_limits():
 
 
 def test_values_that_were_held_have_no_course():
-    found = aged(np.array([-1.0, 0.0]), np.zeros(2), np.zeros(2))
+    found = alone(np.array([-1.0, 0.0]), np.zeros(2), np.zeros(2))
     assert np.isnan([found.level, found.rate]).all()
     assert not found.significant
-    one = aged(np.array([-2.0, -1.0, 0.0]), np.array([9.0, 1.0, 2.0]), np.array([0.0, 0.1, 0.1]))
+    one = alone(np.array([-2.0, -1.0, 0.0]), np.array([9.0, 1.0, 2.0]), np.array([0.0, 0.1, 0.1]))
     assert one.rate == pytest.approx(1.0)
 
 
