@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kreisel.batch.capability import capabilities, capability_table
-from kreisel.batch.lot import OF_DEVICE, Unit, counts, figures_of, good, label_of, pages_of, title_of
+from kreisel.batch.lot import OF_DEVICE, Unit, counts, devices, figures_of, good, label_of, pages_of, title_of
 from kreisel.batch.outcomes import OUTCOMES
 from kreisel.batch.unit_history import YEAR, History, Trend
 from kreisel.calibration.data_sheet import Quantity
@@ -39,15 +39,16 @@ def write_batch(units: Sequence[Unit], limits: Limits | None, lead: str, reports
     pages = pages_of([unit.run for unit in units], reports=reports)
     ordered = sorted(units, key=lambda unit: -OUTCOMES.index(unit.outcome))
     figures = [_spread(quantity, units, limits) for quantity in OF_DEVICE if _has(quantity, units)]
-    own = counts(units)
+    once = devices(units)
     page = fill(
         "batch.html",
         figures,
         lead=lead,
-        total=len(units),
-        good=good(units),
-        share=100.0 * good(units) / max(len(units), 1),
-        counts=own,
+        total=len(once),
+        good=good(once),
+        share=100.0 * good(once) / max(len(once), 1),
+        counts=counts(once),
+        calibrations=len(units),
         with_limits=limits is not None,
         source="" if limits is None else f"grade {limits.grade}" if limits.grade else limits.file,
         spread=_spread_table(units, limits),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel.batch.lot import MIN, OF_DEVICE, Unit, figures_of, title_of
+from kreisel.batch.lot import MIN, OF_DEVICE, Unit, figures_of, last_of_each, title_of
 from kreisel.calibration.data_sheet import Quantity
 from kreisel.calibration.limits import Limits, limits_of
 from kreisel.report.cells import Row, Table, number
@@ -45,14 +45,14 @@ class Capability:
 
 
 def capabilities(units: Sequence[Unit], limits: Limits | None) -> list[Capability]:
-    """Return the capability for every figure that has a limit, over all accepted units; eight units at least.
+    """Return the capability for every figure that has a limit, over units by their last accepted runs; eight at least.
 
     Notes
     -----
     Cpk with its interval by Bissell (1990), Applied Statistics 39, 331. Units that do not conform count too: they are
     of the same production.
     """
-    runs, out = [unit.run for unit in units if unit.run.accepted], []
+    runs, out = last_of_each([unit.run for unit in units if unit.run.accepted]), []
     for quantity in OF_DEVICE:
         most = limits_of(limits, quantity)
         values, deviations = figures_of(runs, quantity)

@@ -170,9 +170,14 @@ def gauge_study(runs: Sequence[Run], limits: Limits | None, by: str = "operator"
     Raises
     ------
     SettingsError
-        If nothing was repeated.
+        If nothing was repeated, or each unit has an appraiser of its own.
     """
     used = counted_once(runs)
+    pairs = {(run.device, appraiser_of(run, by)) for run in used}
+    if len(pairs) > 1 and len(pairs) == len({unit for unit, _ in pairs}) == len({one for _, one in pairs}):
+        raise SettingsError(
+            f"every unit has a {by} of its own, which does not say who calibrated; choose another key by --by"
+        )
     out = []
     for quantity in OF_DEVICE:
         values, deviations = figures_of(used, quantity)
@@ -181,9 +186,8 @@ def gauge_study(runs: Sequence[Run], limits: Limits | None, by: str = "operator"
             if known.size < 3:
                 continue
             own = [used[i] for i in known]
-            found = variance_components(
-                values[known, axis], [run.unit for run in own], [appraiser_of(run, by) for run in own]
-            )
+            appraisers = [appraiser_of(run, by) for run in own]
+            found = variance_components(values[known, axis], ["\n".join(run.device) for run in own], appraisers)
             usual = math.sqrt(float(np.mean(deviations[known, axis] ** 2)))
             out.append(Gauged(quantity, axis, found, float(limits_of(limits, quantity)[axis]), usual))
     if not out:

@@ -46,6 +46,11 @@ class Run:
     error: str | None
     text: str | None
 
+    @property
+    def device(self) -> tuple[str, str, str]:
+        """Maker, type and serial number: devices of several types may have the same number."""
+        return self.maker, self.type, self.unit
+
     @cached_property
     def document(self) -> Mapping[str, Any]:
         """The result document; empty where it was not calibrated.

@@ -17,10 +17,12 @@ from kreisel.calibration.limits import Limits, QuantityDecision, judged, overall
 from kreisel.estimation.robust import normal_scale
 from kreisel.geometry.rotation import Array
 
-OUTLYING = 4.5
-"""Robust standard deviations from the median of a lot beyond which a unit is an outlier.
+_SIZES = (8, 9, 10, 12, 16, 20, 30, 50, 100, 300)
+_OUTLYING = (12.3, 11.2, 10.0, 8.5, 7.2, 6.6, 5.7, 5.2, 4.9, 4.6)
+"""Units of a lot, and robust standard deviations from its median beyond which one is an outlier.
 
-Of 500 normal units with 24 figures each, one in twelve lots has one by chance.
+Of normal units with 24 figures each, one lot in twenty has one by chance (60,000 units of each size were drawn): few
+units do not show well how much they usually differ.
 """
 
 MIN = 8
@@ -82,15 +84,20 @@ def units_of(runs: Sequence[Run], limits: Limits | None) -> list[Unit]:
     A lot are the units of one maker and type, each by its last accepted run.
     """
     out = []
-    lots: dict[tuple[str, str], dict[str, Run]] = {}
-    for run in runs:
-        if run.accepted:
-            lots.setdefault((run.maker, run.type), {})[run.unit] = run
-    outliers = {key: found for lot in lots.values() for key, found in _outliers(list(lot.values())).items()}
+    lots: dict[tuple[str, str], list[Run]] = {}
+    for run in last_of_each([run for run in runs if run.accepted]):
+        lots.setdefault((run.maker, run.type), []).append(run)
+    outliers = {key: found for lot in lots.values() for key, found in _outliers(lot).items()}
     for run in runs:
         own = () if run.parts is None else tuple(judged(run.parts, limits))
         out.append(Unit(run, own, tuple(outliers.get(run.key, ()))))
     return out
+
+
+def last_of_each(runs: Sequence[Run]) -> list[Run]:
+    """Return the last run of each device, in the order they were made."""
+    last = {run.device: run for run in runs}
+    return [run for run in runs if last[run.device] is run]
 
 
 def pages_of(runs: Sequence[Run], *, reports: bool) -> dict[str, str]:
@@ -125,9 +132,14 @@ def _outliers(lot: Sequence[Run]) -> dict[str, list[Outlier]]:
             own = values[here, axis] - np.median(values[here, axis])
             spread = normal_scale(own)
             scores = own / np.maximum(np.hypot(spread, deviations[here, axis]), 1e-300)
-            for i in np.flatnonzero(np.abs(scores) > OUTLYING):
+            for i in np.flatnonzero(np.abs(scores) > outlying(here.size)):
                 found.setdefault(lot[here[i]].key, []).append(Outlier(quantity, axis, float(scores[i])))
     return {key: sorted(own, key=lambda one: -abs(one.score)) for key, own in found.items()}
+
+
+def outlying(count: int) -> float:
+    """Return the robust standard deviations beyond which one of so many units is an outlier."""
+    return float(np.interp(np.log(count), np.log(_SIZES), _OUTLYING))
 
 
 def figures_of(runs: Sequence[Run], quantity: Quantity) -> tuple[Array, Array]:
@@ -138,6 +150,12 @@ def figures_of(runs: Sequence[Run], quantity: Quantity) -> tuple[Array, Array]:
         if found is not None:
             values[i], deviations[i] = found.value, found.deviation
     return values, deviations
+
+
+def devices(units: Sequence[Unit]) -> list[Unit]:
+    """Return the units by their last runs: what was calibrated several times counts once."""
+    last = {unit.run.device: unit for unit in units}
+    return [unit for unit in units if last[unit.run.device] is unit]
 
 
 def counts(units: Sequence[Unit]) -> dict[str, int]:

@@ -87,7 +87,7 @@ def _own(recording: Recording, own: Estimator, executor: Executor) -> ByMethod:
         derived = derived_of_own(parameters_of_own(preparation, problem, found).sensors, found)
     except KreiselError as error:
         return ByMethod(own.name, time.perf_counter() - began, error=str(error))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return ByMethod(own.name, time.perf_counter() - began, error=said(error))
     return ByMethod(
         own.name,

@@ -45,7 +45,7 @@ def load_estimator(text: str) -> Estimator:
     return own
 
 
-def said(error: Exception, file: Path | None = None) -> str:
+def said(error: BaseException, file: Path | None = None) -> str:
     """Return what went wrong in somebody's own code: kind, message, and the last line of it."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if file is None or Path(frame.filename) == file]

@@ -83,10 +83,16 @@ def repeatability(calibrations: Sequence[Calibration]) -> tuple[Repeated, ...]:
     Raises
     ------
     SettingsError
-        For fewer than two calibrations.
+        For fewer than two calibrations, or those of several devices.
     """
     if len(calibrations) < 2:
         raise SettingsError("give two or more recordings of one device")
+    numbers = sorted({one.recording.device.get("serial_number", "") for one in calibrations if one.recording} - {""})
+    if len(numbers) > 1:
+        raise SettingsError(
+            f"the recordings state {len(numbers)} serial numbers: {', '.join(numbers)}; give those of one device, or "
+            "correct [device] serial_number in recording.toml"
+        )
     digests = [one.recording.digest for one in calibrations if one.recording is not None and one.recording.digest]
     if len(set(digests)) < len(digests):
         raise SettingsError("two of the results are of the same data, which count once: give each recording once")

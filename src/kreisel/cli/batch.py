@@ -198,15 +198,17 @@ class _progress:  # noqa: N801 - a context, as a function would be
 def _say(units: Sequence[Unit], output: Path, *, as_json: bool) -> None:
     import json
 
-    from kreisel.batch.lot import counts, good
+    from kreisel.batch.lot import counts, devices, good
 
+    once = devices(units)
     if as_json:
-        summary = {"units": len(units), "good": good(units), "outcomes": counts(units), "output": str(output)}
+        summary = {"units": len(once), "good": good(once), "outcomes": counts(once), "output": str(output)}
         summary["not_good"] = _not_good(units)
         typer.echo(json.dumps(summary))
         return
-    own = ", ".join(f"{count} {outcome}" for outcome, count in counts(units).items())
-    typer.echo(f"{len(units)} units: {own}; yield {100.0 * good(units) / len(units):.1f} %")
+    own = ", ".join(f"{count} {outcome}" for outcome, count in counts(once).items())
+    last = f", by the last of {len(units)} calibrations" if len(once) < len(units) else ""
+    typer.echo(f"{len(once)} units: {own}; yield {100.0 * good(once) / len(once):.1f} %{last}")
     outlying = [unit for unit in units if unit.outliers]
     for unit in outlying[:5]:
         typer.echo(f"· {unit.run.name}: {unit.outliers[0].text}")

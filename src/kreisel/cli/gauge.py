@@ -53,7 +53,7 @@ def gauge(
     found = gauge_study(runs, known, by)
     names = sorted({appraiser_of(run, by) for run in runs})
     lead = (
-        f"{len({run.unit for run in runs})} units, {len(runs)} calibrations; {by}: {', '.join(names) or 'not stated'}"
+        f"{len({run.device for run in runs})} units, {len(runs)} calibrations; {by}: {', '.join(names) or 'not stated'}"
     )
     if output is not None:
         from kreisel.report.template import fill

@@ -1,10 +1,12 @@
 """Components of variance: the published example, the analysis of variance, and designs with missing runs."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from kreisel.batch import gauge_study as module
 from kreisel.batch.gauge_study import counted_once, gauge_study, gauge_table, variance_components
 from kreisel.calibration.limits import Limits
 from kreisel.errors import SettingsError
@@ -102,6 +104,21 @@ def test_the_figures_of_runs():
     assert x.components.repeatability == pytest.approx(0.2, rel=0.6)
     assert x.of_tolerance == pytest.approx(3.0 * x.components.gauge / 60.0)
     assert "R&R of tolerance" in gauge_table(found).columns
+
+
+def test_devices_of_two_types_with_one_number_are_two_units():
+    rng = np.random.default_rng(6)
+    runs = [replace(run(k, 100.0 * (k % 2) + rng.normal()), unit="1", type=f"type {k % 2}") for k in range(12)]
+    found = gauge_study(runs, None)
+    x = next(one for one in found if one.quantity.name == "accel_bias_mg" and one.axis == 0)
+    assert x.components.repeatability == pytest.approx(1.0, rel=0.6)
+
+
+def test_an_appraiser_of_each_unit_is_none(monkeypatch):
+    runs = [replace(run(k, float(k)), unit=f"{k % 4}") for k in range(8)]
+    monkeypatch.setattr(module, "appraiser_of", lambda one, by: f"{by} {one.unit}")
+    with pytest.raises(SettingsError, match="every unit has a serial_number of its own"):
+        gauge_study(runs, None, "serial_number")
 
 
 def test_without_repetitions_there_is_no_study():

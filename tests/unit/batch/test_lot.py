@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from kreisel.batch.batch_pages import write_batch, write_history
+from kreisel.batch.capability import capabilities
 from kreisel.batch.execution import Batch, calibrate_all, calibrate_one, one_after_another, waiting_in
 from kreisel.batch.job_result import Run
 from kreisel.batch.jobs import jobs_in, leaving
-from kreisel.batch.lot import counts, good, table, units_of
+from kreisel.batch.lot import counts, devices, good, table, units_of
 from kreisel.batch.result_store import Store
 from kreisel.calibration.limits import Limits
 from kreisel.calibration.result_sections import Measured, Verdict
@@ -64,6 +65,23 @@ def test_a_unit_far_from_its_lot_is_an_outlier():
     assert not any(unit.outliers for unit in units_of(unsure, None))
     # another type is another lot
     assert not units_of([*runs[:40], replace(runs[40], type="other")], None)[40].outliers
+
+
+def test_a_good_lot_of_few_units_seldom_has_an_outlier():
+    """4.5 robust deviations had named one in four lots of eight by three figures."""
+    rng = np.random.default_rng(7)
+    lots = [units_of([run(k, float(rng.normal()), 1e-3) for k in range(8)], None) for _ in range(100)]
+    assert sum(any(unit.outliers for unit in lot) for lot in lots) <= 3
+    far = units_of([run(k, 0.1 * k) for k in range(8)] + [run(8, 20.0)], None)
+    assert [unit.run.name for unit in far if unit.outliers] == ["u008"]
+
+
+def test_a_unit_that_is_calibrated_several_times_counts_once():
+    runs = [replace(run(k, float(k % 3)), unit=f"{k % 3}") for k in range(9)]
+    units = units_of([*runs, replace(run(9, 12.0), unit="2")], LIMITS)
+    assert [unit.run.name for unit in devices(units)] == ["u006", "u007", "u009"]
+    assert good(devices(units)) == 2
+    assert capabilities(units, LIMITS) == []
 
 
 def test_few_units_are_no_lot():

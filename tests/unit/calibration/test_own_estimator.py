@@ -136,8 +136,15 @@ def test_it_takes_part_in_a_comparison():
         def estimate(self, measured):
             return measured.rates[10**9]
 
-    compared = kreisel.compare_methods(recorded()[1], ["ekf", Repeating(), Failing(), Repeating(moved=np.inf)])
-    first, own, failed, infinite = compared.found
+    class Leaving(Repeating):
+        name = "leaving"
+
+        def estimate(self, measured):
+            raise SystemExit("no licence")
+
+    own_ones = [Repeating(), Failing(), Repeating(moved=np.inf), Leaving()]
+    compared = kreisel.compare_methods(recorded()[1], ["ekf", *own_ones])
+    first, own, failed, infinite, left = compared.found
     assert (first.result, own.result, failed.result) == ("accepted", "not judged", "failed")
     assert own.accepted is None
     assert set(own.estimate) == {f"gyroscope.offset[{i}]" for i in range(3)}
@@ -147,6 +154,7 @@ def test_it_takes_part_in_a_comparison():
     assert failed.error.startswith("IndexError: index 1000000000 is out of bounds")
     assert "test_own_estimator.py, line" in failed.error
     assert "not finite" in infinite.error
+    assert left.error.startswith("SystemExit: no licence")
     assert compared.unit > 0.0
 
 

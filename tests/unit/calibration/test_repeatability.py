@@ -57,6 +57,17 @@ def test_the_run_that_differs_is_found_and_the_mean_is_that_of_information():
     np.testing.assert_allclose(arm.mean_sd, np.sum(arm.deviations**-2, axis=0) ** -0.5)
 
 
+def test_several_serial_numbers_are_no_device():
+    made = runs(np.random.default_rng(7), 3)
+    numbered = [
+        replace(one, recording=replace(one.recording, device={"serial_number": number}, digest=number))
+        for one, number in zip(made, ("1", "2", ""), strict=True)
+    ]
+    assert repeatability([numbered[0], numbered[2]])
+    with pytest.raises(SettingsError, match="state 2 serial numbers: 1, 2; give those of one device"):
+        repeatability(numbered)
+
+
 def test_what_was_held_does_not_count():
     made = runs(np.random.default_rng(7), 3)
     held = {"accel_bias_mg": Measured(np.zeros(3), np.zeros(3))}
