@@ -106,7 +106,10 @@ REFUSED: dict[str, tuple[Damage, tuple[str, ...]]] = {
     "zeros": (lambda f: rewrite(f, POSE, lambda t: t[:9000] + 999 * "\0" + t[9999:]), (f"{POSE}, line", "zero byte")),
     "semicolons": (lambda f: rewrite(f, IMU, lambda t: t.replace(",", ";")), (f"{IMU}, line 1", "expected commas")),
     "few columns": (columns("#timestamp [ns],w_x,w_y,w_z,a_x", lambda c: c[:5], IMU), (f"{IMU}, line 1: 5 columns",)),
-    "no q_z": (columns(POSE_HEADER[:-4], lambda c: c[:7]), (f"{POSE}, line 1: columns are p_x", "correct the header")),
+    "no q_z": (
+        columns(POSE_HEADER[:-4], lambda c: c[:7]),
+        (f"{POSE}, line 1: columns are p_x", "name each column by its axis"),
+    ),
     "short row": (line(500, lambda r: r.rsplit(",", 1)[0]), (f"{IMU}, line 500: 6 values, expected 7", "repair")),
     "long row": (line(500, lambda r: r + ",1"), (f"{IMU}, line 500: 8 values, expected 7", "repair")),
     "text": (

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from kreisel import spill
 from kreisel._kernels.decimal_rows import read_rows
 from kreisel.errors import RecordingError
+from kreisel.formats.column_names import read_name
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import UNITS, plain_unit
 from kreisel.recording.location import fault
@@ -321,8 +322,14 @@ def parse_header(header: str, path: Path) -> tuple[Column, ...]:
                 line=1,
             )
         unit = match.group(2)
-        columns.append(Column(i, match.group(1), None if unit is None else plain_unit(unit)))
+        columns.append(Column(i, match.group(1), _unit_after(match.group(1)) if unit is None else plain_unit(unit)))
     return tuple(columns)
+
+
+def _unit_after(name: str) -> str | None:
+    """Return the unit at the end of a name, as of gyro_x_dps, None where there is none."""
+    said = read_name(name)
+    return said.unit if said.quantity in ("time", "rate", "acceleration", "position") else None
 
 
 def time_unit(columns: tuple[Column, ...], path: Path) -> str:

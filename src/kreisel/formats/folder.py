@@ -12,6 +12,7 @@ from ruamel.yaml.error import YAMLError
 
 from kreisel.errors import RecordingError, unknown_name
 from kreisel.files import MAX_YAML, read_bytes
+from kreisel.formats.column_names import read_name
 from kreisel.formats.csv_table import Column, Table, read_table
 from kreisel.formats.robot_description import description_beside, is_there
 from kreisel.geometry.rotation import Array
@@ -253,13 +254,19 @@ _ANGLE = re.compile(r"roll|pitch|yaw|heading|euler|rot|[abc]$|r_?[xyz]$|angle")
 def _pose_columns(table: Table) -> tuple[list[Column], list[Column]]:
     """Return the columns of p (x, y, z) and of q (w, x, y, z), whatever order the header gives them in."""
     columns = [(column, column.name.lower()) for column in table.columns[1:]]
-    p = [column for column, name in columns if _POSITION.fullmatch(name)][:3]
-    q = [column for column, name in columns if name.startswith("q") and name[-1:] in "wxyz"][:4]
-    p.sort(key=lambda c: "xyz".index(c.name.lower()[-1]))
-    q.sort(key=lambda c: "wxyz".index(c.name.lower()[-1]))
-    if len({c.name.lower()[-1] for c in p}) not in (0, 3) or len({c.name.lower()[-1] for c in q}) not in (0, 4):
-        raise _not_poses(table, "; correct the header")
-    return p, q
+    p = [(name[-1], column) for column, name in columns if _POSITION.fullmatch(name)][:3]
+    q = [(name[-1], column) for column, name in columns if name.startswith("q") and name[-1:] in "wxyz"][:4]
+    said = [(column, read_name(column.name)) for column, _ in columns]
+    p = p or [(name.axis, column) for column, name in said if name.quantity == "position"][:3]
+    q = q or [(name.axis, column) for column, name in said if name.quantity in ("quaternion", "orientation")][:4]
+    return _by_axes(p, "xyz", table), _by_axes(q, "wxyz", table)
+
+
+def _by_axes(found: list[tuple[str, Column]], axes: str, table: Table) -> list[Column]:
+    """Return columns, each with its axis, in the order of axes; none where there are none."""
+    if found and sorted(axis for axis, _ in found) != sorted(axes):
+        raise _not_poses(table, "; name each column by its axis, as p_x, p_y, p_z, q_w, q_x, q_y, q_z")
+    return [column for _, column in sorted(found, key=lambda one: axes.index(one[0]))]
 
 
 def _read_joints(path: Path, warnings: list[DataWarning]) -> JointAngles | None:

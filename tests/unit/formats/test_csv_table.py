@@ -321,3 +321,53 @@ def test_a_fault_keeps_its_place_in_a_later_block(
         read_table(file, "numbers")
     assert said in str(error.value)
     assert error.value.line == 3
+
+
+@pytest.mark.parametrize(
+    ("header", "rate", "acceleration"),
+    [
+        ("timestamp,gyro_x_dps,gyro_y_dps,gyro_z_dps,acc_x,acc_y,acc_z", DEG, 1.0),
+        ("timestamp_ns,gx_deg_s,gy_deg_s,gz_deg_s,ax_g,ay_g,az_g", DEG, STANDARD_GRAVITY),
+        ("timestamp,gyro_x_dps [rad/s],gyro_y,gyro_z,acc_x_mg,acc_y_mg,acc_z_mg", 1.0, 1e-3 * STANDARD_GRAVITY),
+    ],
+)
+def test_units_at_the_end_of_names_hold(tmp_path: Path, header: str, rate: float, acceleration: float) -> None:
+    """Ten degrees in a second had been ten radians in a second."""
+    got = table(tmp_path, f"{header}\n10,1,2,3,4,5,6\n")
+    np.testing.assert_allclose(got.take(list(got.columns[1:4]), "rate")[0], rate * np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(
+        got.take(list(got.columns[4:7]), "acceleration")[0], acceleration * np.array([4.0, 5.0, 6.0])
+    )
+
+
+def poses(tmp_path: Path, header: str) -> tuple[np.ndarray, np.ndarray]:
+    for folder, text in (("imu0", f"{HEADER}\n10,1,2,3,4,5,6\n"), ("pose0", f"{header}\n10,1,2,3,4,5,6,7\n")):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / "data.csv").write_text(text)
+    found = load_folder(tmp_path).reference
+    assert found is not None
+    assert found.positions is not None
+    assert found.quaternions is not None
+    return found.positions[0], found.quaternions[0]
+
+
+@pytest.mark.parametrize(
+    ("header", "size", "order"),
+    [
+        ("t,x_mm,y_mm,z_mm,qw,qx,qy,qz", 1e-3, (4, 5, 6, 7)),
+        ("t,pose.position.x,pose.position.y,pose.position.z,"
+         "pose.orientation.x,pose.orientation.y,pose.orientation.z,pose.orientation.w", 1.0, (7, 4, 5, 6)),
+        ("t,position_x,position_y,position_z,orientation_w,orientation_x,orientation_y,orientation_z", 1.0,
+         (4, 5, 6, 7)),
+    ],
+)  # fmt: skip
+def test_poses_under_usual_names(tmp_path: Path, header: str, size: float, order: tuple[int, ...]) -> None:
+    p, q = poses(tmp_path, header)
+    np.testing.assert_allclose(p, size * np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_array_equal(q, order)
+
+
+def test_quaternions_without_axes_are_refused(tmp_path: Path) -> None:
+    """They had been left out without a word."""
+    with pytest.raises(RecordingError, match=r"columns are x, y, z, q1, q2, q3, q4; .*name each column by its axis"):
+        poses(tmp_path, "t,x,y,z,q1,q2,q3,q4")
