@@ -161,9 +161,9 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
             return "\n".join([*separate, *_references_beside(sheets, groups, separate)])
         if unread:
             raise most_likely(unread)
-        raise RecordingError(
-            "no three columns are accelerations by name or by the length of gravity, with rates beside", file=path
-        )
+        why = "; ".join(["no three columns are accelerations by name or by the length of gravity, with rates beside",
+                         *tables.texts(sheets)])  # fmt: skip
+        raise RecordingError(why, file=path)
     taken = {(one.sheet, k) for one in devices if one.named for k in one.places}
     bodies = tables.attitudes(sheets, groups, taken)
     tries = _tried(sheets, devices, bodies, say)
@@ -176,7 +176,7 @@ def proposal(path: Path, progress: Progress | None = None) -> str:
     notes += [
         f"[{unit}] is no unit of {quantity} that is known; what stands below is a guess" for quantity, unit in unknown
     ]
-    notes += notes_of(unread)
+    notes += notes_of(unread) + [f"{text}: it is not used" for text in tables.texts(sheets)]
     if not any(one.attitude for one in best):
         notes.append("no orientations were found: if there are poses, name their columns")
     options = [option for one in best for option in _options(sheets, one)]

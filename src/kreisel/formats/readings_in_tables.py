@@ -102,6 +102,23 @@ def all_groups(sheets: Sequence[Sheet]) -> list[Group]:
     return [group for group in out if _together(sheets[group.sheet], group.places)]
 
 
+_READINGS = ("rate", "acceleration", "position", "quaternion", "orientation", "angle", "matrix")
+
+_TEXTS = 3
+"""Columns of text that are named."""
+
+
+def texts(sheets: Sequence[Sheet]) -> list[str]:
+    """Return what is said of the first columns that are readings by their names, and hold text."""
+    found = [
+        sheet.text_in(k)
+        for sheet in sheets
+        for k, name in enumerate(sheet.names)
+        if sheet.columns[k].dtype.kind in "OUS" and read_name(name).quantity in _READINGS
+    ]
+    return [text for text in found if text is not None][:_TEXTS]
+
+
 def _together(sheet: Sheet, places: tuple[int, ...]) -> bool:
     """Return whether columns have some rows in common in which they are known."""
     return len({sheet.lengths[k] for k in places}) < 2 if sheet.lengths else True

@@ -115,14 +115,17 @@ class Sheet:
             If it holds text.
         """
         k = self.place(name)
+        if (text := self.text_in(k)) is not None:
+            raise RecordingError(f"{text}, expected numbers", file=self.source)
+        return np.asarray(self.columns[k], dtype=np.float64)
+
+    def text_in(self, k: int) -> str | None:
+        """Return what is said of a column that holds text, with its first row; None for numbers."""
         values = self.columns[k]
-        if values.dtype.kind in "OUS":
-            bad = next((i for i, cell in enumerate(values) if not _is_number_or_empty(str(cell))), 0)
-            raise RecordingError(
-                f"column '{self.names[k]}' holds text ('{str(values[bad])[:40]}' in row {bad + 1}), expected numbers",
-                file=self.source,
-            )
-        return np.asarray(values, dtype=np.float64)
+        if values.dtype.kind not in "OUS":
+            return None
+        bad = next((i for i, cell in enumerate(values) if not _is_number_or_empty(str(cell))), 0)
+        return f"column '{self.names[k]}' holds text ('{str(values[bad])[:40]}' in row {bad + 1})"
 
 
 def is_sheet(path: Path) -> bool:

@@ -232,3 +232,16 @@ def test_a_table_that_cannot_be_read_beside_another_is_named(tmp_path):
     (tmp_path / "log.csv").write_text((tmp_path / "log.csv").read_text() + "end of log\n")
     with pytest.raises(RecordingError, match="cells, expected"):
         proposal(tmp_path)
+
+
+def test_a_column_of_text_is_named(tmp_path):
+    """One cell had all positions left out without a word."""
+    file = table(tmp_path, lambda columns: columns)
+    rows = file.read_text().splitlines()
+    names = rows[0].split(",")
+    k = next(i for i, name in enumerate(names) if read_name(name).quantity == "position")
+    cells = rows[5].split(",")
+    rows[5] = ",".join([*cells[:k], "ERR", *cells[k + 1 :]])
+    file.write_text("\n".join(rows) + "\n")
+    name = re.escape(names[k].split(" [")[0])
+    assert re.search(rf"# column '{name}' holds text \('ERR' in row 5\): it is not used", proposal(file))
