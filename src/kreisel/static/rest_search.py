@@ -78,6 +78,14 @@ def find_rests(imu: ImuSamples) -> Rests:
     return _measured(imu, first, last, step)
 
 
+def without_beginning(imu: ImuSamples, rests: Rests, share: float) -> Rests:
+    """Return the ends of standstills: a share of each, of `MIN_SECONDS` at least."""
+    least = round(MIN_SECONDS / imu.interval)
+    length = np.maximum(np.round(share * (rests.last - rests.first)).astype(int), least)
+    first = np.maximum(rests.last - length, rests.first)
+    return _measured(imu, first, rests.last, max(1, round(BLOCK / imu.interval)))
+
+
 def held_still(imu: ImuSamples) -> float:
     """Return for how long the device has stood still at the end of its readings, s."""
     step = max(1, round(BLOCK / imu.interval))

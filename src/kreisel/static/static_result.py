@@ -16,6 +16,7 @@ from kreisel.preparation.axis_order import LEFT_HANDED_GYROS, disorder, in_order
 from kreisel.preparation.gravity import NO_LATITUDE, UNKNOWN_SD, site_of
 from kreisel.progress import Progress, of_step
 from kreisel.recording.recording import DataWarning, Recording
+from kreisel.static.after_turns import settled
 from kreisel.static.count_sizes import in_quantities
 from kreisel.static.known_attitudes import Faces
 from kreisel.static.lost_share import lost_share
@@ -171,6 +172,7 @@ def calibrate_static(
     lacking = 0.0
     if rests.silent:
         imu, lacking = with_slow_ends(imu)
+    imu, rests, relaxing, settling = settled(imu, rests)
     if counts is None:
         check_rate_size(imu, rests)
     problem = RestProblem(imu, raw_of(imu), rests, site, constant_offsets=constant_offsets)
@@ -180,13 +182,14 @@ def calibrate_static(
     clipped = [DataWarning("standstills", CLIPPED.format(count=rests.clipped))] if rests.clipped else []
     silent = [DataWarning("standstills", SILENT)] if rests.silent else []
     left = [DataWarning("imu", _SPIKES.format(count=spikes))] if spikes else []
-    said = (*recording.warnings, *chosen.warnings, *left, *clipped, *silent, *(of_gravity or known))
-    return concluded(recording, replace(chosen, warnings=said), only, progress, began, lacking)
+    begins = [DataWarning("standstills", relaxing)] if relaxing else []
+    said = (*recording.warnings, *chosen.warnings, *left, *clipped, *silent, *begins, *(of_gravity or known))
+    return concluded(recording, replace(chosen, warnings=said), only, progress, began, lacking, settling)
 
 
 def concluded(
     recording: Recording, chosen: Chosen, only: str | None, progress: Progress | None, began: float,
-    lacking: float = 0.0,
+    lacking: float = 0.0, settling: str = "",
 ) -> StaticOutcome:  # fmt: skip
     """Return the estimate by a method, with account of uncertainty, verdict and result.
 
@@ -196,6 +199,8 @@ def concluded(
         `time.perf_counter()` at the beginning.
     lacking
         Share of turns that was restored, of a device that sets its rates to zero.
+    settling
+        Why turns do not show the gyros' matrix; empty where they do.
 
     Raises
     ------
@@ -228,7 +233,8 @@ def concluded(
     if vertical is not None and not vertical.reason:
         warnings = (*warnings, DataWarning("standstills", vertical.remark))
     latitude = "" if vertical is None else vertical.reason
-    verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only, latitude, least)
+    against_gyros = [reason for reason in (latitude, settling) if reason]
+    verdict = judge_static(found, np.sqrt(np.diag(covariance)), halves, only, against_gyros, least)
     judged = Judged(chosen, covariance, budget_of(found, more), verdict, time.perf_counter() - began, warnings)
     names = found.problem.names[:own]
     calibration = Calibration(

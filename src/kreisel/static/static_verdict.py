@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from kreisel.calibration.data_sheet import MAX_ANGLE, MAX_SCALE, MAX_SPREAD, non_orthogonality, sensitivity
@@ -48,7 +50,7 @@ def judge_static(
     deviation: Array,
     halves: Array | None,
     only: str | None,
-    latitude: str = "",
+    against_gyros: Sequence[str] = (),
     skipped: float = 0.0,
 ) -> Verdict:
     """Return the verdict.
@@ -61,8 +63,8 @@ def judge_static(
         Difference of both halves over its deviation, if there are enough standstills.
     only
         The sensor that is asked for.
-    latitude
-        What contradicts the stated latitude.
+    against_gyros
+        Further reasons against the gyros' result.
     skipped
         Share of samples that are lost, at least.
     """
@@ -87,8 +89,7 @@ def judge_static(
                     f"both halves of the recording differ by {max(far)[0]:.1f} deviations in {max(far)[1]}: something "
                     "changed that is not modelled"
                 )
-    if latitude:
-        reasons["gyroscope"].append(latitude)
+    reasons["gyroscope"] += against_gyros
     count = found.problem.rests.count
     if found.noise.force > MAX_FORCE:
         text = f"forces at standstills err by {found.noise.force:.2g} m/s^2: the device was not at rest" + (
