@@ -131,8 +131,10 @@ def _rest_of_second(sheet: Sheet, k: int, steps: NDArray[Any]) -> tuple[int, flo
     if rest.dtype.kind not in "iuf" or column.dtype.kind in "OUS":
         return None
     known = rest[np.isfinite(rest)]
+    named = (read_name(sheet.names[k + 1]).unit, known_unit(sheet.names[k + 1], "time"))
     for unit, size in (("ns", 1e9), ("us", 1e6), ("ms", 1e3)):
-        if known.size and (np.mod(known, 1.0) == 0.0).all() and known.min() >= 0 and 0.5 * size < known.max() < size:
+        whole = bool((np.mod(known, 1.0) == 0.0).all()) or unit in named
+        if known.size and whole and known.min() >= 0 and 0.5 * size < known.max() < size:
             return k + 1, size, unit
     return None
 

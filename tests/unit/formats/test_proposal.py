@@ -245,3 +245,10 @@ def test_a_column_of_text_is_named(tmp_path):
     file.write_text("\n".join(rows) + "\n")
     name = re.escape(names[k].split(" [")[0])
     assert re.search(rf"# column '{name}' holds text \('ERR' in row 5\): it is not used", proposal(file))
+
+
+def test_milliseconds_beside_seconds_may_have_digits(tmp_path):
+    """The whole seconds alone had been the time of such poses."""
+    path = table(tmp_path, lambda c: {"sec": np.floor(c["t"]), "msec": 1e3 * (c["t"] % 1.0) + 1e-4} | {
+        name: x for name, x in c.items() if name != "t"})  # fmt: skip
+    assert proposal(path).count('time = "sec [s] + msec [ms]"') == 2
