@@ -24,7 +24,7 @@ from kreisel.formats.preamble import COMMENTS, without_preamble
 from kreisel.geometry.rotation import Array
 from kreisel.recording.header import split_unit
 
-TEXT = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc")
+TEXT = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc", ".tum")
 SUFFIXES = (*TEXT, *(f"{suffix}.gz" for suffix in TEXT), ".mat", ".parquet")
 """Ends of the names of files that may hold a table."""
 

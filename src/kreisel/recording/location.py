@@ -62,24 +62,22 @@ def wrong_unit(stream: Stream, message: str, quantity: str, factor: float, other
     source, stated = stream.source, getattr(stream.units, quantity)
     si, size = {"rate": "rad/s", "acceleration": "m/s^2", "length": "m"}[quantity], stream.units.size(quantity)
     unit = named(quantity, size * factor)
+    times = f"{1.0 / factor if factor < 1.0 else factor:.4g} times too {'large' if factor < 1.0 else 'small'}"
+    looks = f"they look like [{unit or otherwise}]" if unit or otherwise else f"they are {times}"
     if is_mapped(source):
         if source.parent == ARRAYS:
-            return RecordingError(f"{message}: they look like [{unit or otherwise}]; give them in {si}", file=source)
-        said = f"they are read in [{stated or si}], but " if unit or otherwise else ""
-        return RecordingError(
-            f"{message}: {said}they look like [{unit or otherwise}]; write that unit after the columns in the mapping",
-            file=source,
-        )
-    if not is_table(source):
-        remedy = f"they look like [{unit or otherwise}]; ROS messages are in {si}: convert them"
+            return RecordingError(f"{message}: {looks}; give them in {si}", file=source)
+        if not unit and not otherwise:
+            remedy = f"in [{stated or si}] {looks}; write the right unit after the columns in the mapping"
+            return RecordingError(f"{message}: {remedy}", file=source)
+        remedy = f"they are read in [{stated or si}], but {looks}; write that unit after the columns in the mapping"
         return RecordingError(f"{message}: {remedy}", file=source)
+    if not is_table(source):
+        return RecordingError(f"{message}: {looks}; ROS messages are in {si}: convert them", file=source)
     if stated is None:
         known = f"write [{unit}] into the header, or convert to {si}" if unit else f"convert them to {si}"
-        return RecordingError(f"{message}: they look like [{unit or otherwise}]; {known}", file=source, line=1)
-    seem = f"they look like [{unit or otherwise}]" if unit or (otherwise and size == 1.0) else (
-        f"the numbers look {1.0 / factor if factor < 1.0 else factor:.4g} times too "
-        f"{'large' if factor < 1.0 else 'small'} for it"
-    )  # fmt: skip
+        return RecordingError(f"{message}: {looks}; {known}", file=source, line=1)
+    seem = looks if unit or (otherwise and size == 1.0) else f"the numbers look {times} for it"
     return RecordingError(
         f"{message}: the header says [{stated}], but {seem}; correct the header or the numbers", file=source, line=1
     )
