@@ -17,7 +17,7 @@ from kreisel.geometry.rotation import Array, Indices, Mask, skew
 PARTS, _EDGE = 60, 3
 """Parts of a recording between which a change is looked for, and those at either end in which it is not."""
 
-_SURE = 60.0
+SURE = 60.0
 """Chi-square, over the scatter of the parts, from which a change counts. Chosen: that of noise alone is beyond it with
 a probability of 1e-10, and what vibrates or bends differs from part to part by as much as it scatters."""
 
@@ -110,27 +110,26 @@ def _changes(number: int, seconds: Array, own: Array, others: Array, slope: Arra
     """Return the clearest turn and the clearest delay of an IMU against the others' mean (n, 3), if there are any."""
     late, part = in_parts(seconds)
     bend = np.gradient(slope, seconds, axis=0)
-    power = np.bincount(part, np.sum(others**2, axis=1), PARTS) / np.maximum(np.bincount(part, minlength=PARTS), 1)
     out: dict[bool, SuddenChange] = {}
-    for group in _alike(power):
+    for group in alike_parts(others, part):
         used = group[part]
         if not used.any():
             continue
         lasting = _lasting(others[used], slope[used], bend[used], late[used])
         left = own[used] - others[used]
-        smooth = ~_spikes(left)[:, None]
+        smooth = ~spikes_in(left)[:, None]
         lasting, left = lasting * smooth[:, :, None], left * smooth
-        left = _without(lasting, left)
+        left = without(lasting, left)
         for turn, X in ((True, -skew(others[used])), (False, slope[used][:, :, None])):
-            sums = _sums(part[used], X * smooth[:, :, None], lasting, left)
-            k, size, weight, explained = _clearest(*sums, np.flatnonzero(group))
-            if weight > max(_SURE, out[turn].weight if turn in out else 0.0):
+            sums = sums_of(part[used], X * smooth[:, :, None], lasting, left)
+            k, size, weight, explained = clearest(*sums, np.flatnonzero(group))
+            if weight > max(SURE, out[turn].weight if turn in out else 0.0):
                 when = float(seconds[0] + (seconds[-1] - seconds[0]) * k / PARTS)
                 out[turn] = SuddenChange(number, when, size, weight, explained, turn)
     return list(out.values())
 
 
-def _spikes(left: Array) -> Mask:
+def spikes_in(left: Array) -> Mask:
     """Return where differences of rates (n, 3) have a spike, (n,), with the samples beside it."""
     bend = left[1:-1] - 0.5 * (left[:-2] + left[2:])
     sharp = np.any(np.abs(bend) > _SPIKE * normal_scale(bend), axis=1)
@@ -156,10 +155,10 @@ def lasting_difference(own: Array, others: Array, slope: Array, late: Array) -> 
     late : (n,)
         Time, from 0 to 1.
     """
-    return _without(_lasting(others, slope, np.gradient(slope, late, axis=0), late), own - others)
+    return without(_lasting(others, slope, np.gradient(slope, late, axis=0), late), own - others)
 
 
-def _without(lasting: Array, values: Array) -> Array:
+def without(lasting: Array, values: Array) -> Array:
     """Return values (n, 3) without the combination of columns (n, 3, q) that is nearest to them."""
     return np.asarray(values - lasting @ _least_squares(lasting, values))
 
@@ -186,16 +185,17 @@ def _least_squares(X: Array, y: Array) -> Array:
     return np.asarray(np.linalg.lstsq(A, b, rcond=1e-12)[0] / size)
 
 
-def _alike(power: Array) -> list[Mask]:
-    """Return the parts (parts,) that are slow, and those that are fast, by the means of their squared rates.
+def alike_parts(rates: Array, part: Indices) -> list[Mask]:
+    """Return the parts (parts,) that are slow, and those that are fast, by the means of squared rates (n, 3) in them.
 
     Gyros that are not linear turn rates of another size by another angle: only like parts are compared.
     """
+    power = np.bincount(part, np.sum(rates**2, axis=1), PARTS) / np.maximum(np.bincount(part, minlength=PARTS), 1)
     size = np.sqrt(power / power.max())
     return [(size > low) & (size <= high) for low, high in zip(_SIZES, (*_SIZES[1:], 1.0), strict=True)]
 
 
-def _sums(part: Indices, X: Array, lasting: Array, left: Array) -> tuple[Array, Array, Array, Array]:
+def sums_of(part: Indices, X: Array, lasting: Array, left: Array) -> tuple[Array, Array, Array, Array]:
     """Return sums over parts, by white noise, about changes along X (n, 3, p).
 
     Information (parts, p, p), that in common with what lasts (parts, p, q), score (parts, p), and the information about
@@ -211,7 +211,7 @@ def _sums(part: Indices, X: Array, lasting: Array, left: Array) -> tuple[Array, 
     return info, cross, score, rows.T @ rows / variance
 
 
-def _clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indices) -> tuple[int, float, float, float]:
+def clearest(info: Array, cross: Array, score: Array, whole: Array, group: Indices) -> tuple[int, float, float, float]:
     """Return the first part after the clearest change, its size, and its chi-square over pieces' scatter, and noise.
 
     group: numbers of the parts that are compared; of others the sums are zero.

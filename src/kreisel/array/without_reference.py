@@ -16,6 +16,7 @@ from kreisel.array.left_out import check_copy, in_words, reason_of
 from kreisel.array.mean_imu import MIN_EXPLAINED
 from kreisel.array.relative_pose import RelativePose
 from kreisel.array.resampled import clipped_samples, resampled
+from kreisel.array.sudden_slide import sudden_slide
 from kreisel.array.unit_clock import BASES, clock_of
 from kreisel.calibration.result import Calibration
 from kreisel.errors import KreiselError, RecordingError, SynchronizationError
@@ -109,6 +110,8 @@ def _faulty(motion: HandMotion, names: Sequence[str], recording: Recording) -> d
                 f"of {' and '.join(names)}, which contradict each other: {CONTRARY}", file=recording.path
             )
         found = {names[k]: CONTRARY for k in contrary}
+        slide = None if found else sudden_slide(motion)
+        found |= {} if slide is None else {names[slide.number]: slide.text}
     if found and len(names) - len(found) < 2:
         raise RecordingError(in_words(found), file=recording.path)
     return found

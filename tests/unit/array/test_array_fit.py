@@ -12,6 +12,7 @@ from kreisel.array.array_fit import fit_array
 from kreisel.array.contrary_forces import contrary_forces
 from kreisel.array.hand_motion import hand_motion, matrix_deviation
 from kreisel.array.left_out import check_copy
+from kreisel.array.sudden_slide import sudden_slide
 from kreisel.array.without_reference import _check_turn, _clipped, rest_rotations
 from kreisel.errors import RecordingError, SynchronizationError
 from kreisel.geometry.rotation import exp, from_matrix, log, matrix
@@ -94,6 +95,25 @@ def test_an_imu_whose_accelerations_contradict_the_others_is_named(wrong, number
     imus[number] = replace(imus[number], accelerations=imus[number].accelerations @ wrong.T)
     assert contrary_forces(motion_of(imus)) == (number,)
     assert contrary_forces(motion_of([imus[number], imus[1]])) is None
+
+
+@pytest.mark.parametrize(("count", "number"), [(2, 1), (4, 2)])
+def test_an_imu_that_slides_is_named(count, number, tmp_path):
+    imus, axes = array(8, count, tmp_path)
+    assert sudden_slide(motion_of(imus)) is None
+    own, at = imus[number], round(0.6 * SECONDS * RATE)
+    C, moved = axes[number], np.array([4e-3, -3e-3, 0.0])
+    rates = imus[0].rates
+    slope = np.gradient(rates, 1.0 / RATE, axis=0)
+    more = (np.cross(slope, moved) + np.cross(rates, np.cross(rates, moved))) @ C
+    more[:at] = 0.0
+    imus[number] = replace(own, accelerations=own.accelerations + more)
+    found = sudden_slide(motion_of(imus))
+    assert found is not None
+    assert found.number == number
+    assert found.size == pytest.approx(5e-3, rel=0.2)
+    assert found.seconds == pytest.approx(0.6 * SECONDS, abs=1.5)
+    assert "slides on the others' body by " in found.text
 
 
 def test_a_copy_of_another_imu_is_named(tmp_path):
