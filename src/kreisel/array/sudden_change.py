@@ -38,7 +38,7 @@ _FEWEST = 5
 _SIZES = (0.03, 0.4)
 """Rates, over those of the fastest part, from which a part is a slow one, and a fast one."""
 
-_DRIFT = 3
+DRIFT = 3
 """Degree of offsets that drift. Chosen: units that warm up are no units that turn."""
 
 _SPIKE = 10.0
@@ -169,7 +169,7 @@ def _lasting(rates: Array, slope: Array, bend: Array, late: Array) -> Array:
     A matrix, offsets and their drift, a delay and what it gains, and a filter's second order.
     """
     X = np.zeros((len(rates), 3, 24))
-    drift = late[:, None] ** np.arange(_DRIFT + 1)
+    drift = late[:, None] ** np.arange(DRIFT + 1)
     for j in range(3):
         X[:, j, 3 * j : 3 * j + 3] = rates
         X[:, j, 9 + 4 * j : 13 + 4 * j] = drift

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.array.hand_motion import HandMotion
-from kreisel.array.sudden_change import SURE, alike_parts, clearest, in_parts, spikes_in, sums_of, without
+from kreisel.array.sudden_change import DRIFT, SURE, alike_parts, clearest, in_parts, spikes_in, sums_of, without
 from kreisel.geometry.rotation import Array, skew
 
 _LEAST = 1e-3
@@ -16,9 +16,6 @@ _LEAST = 1e-3
 _ALONE, _OF_TWO = 1.6, 3.0
 """By how much the slide of one unit must exceed that of any other, and of two units the smallest one that counts, as in
 `sudden_change`."""
-
-_DRIFT = 3
-"""Degree of offsets that drift, as there."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +71,7 @@ def _slide(number: int, motion: HandMotion, forces: Array, slopes: Array) -> Sli
 def _lasting(others: Array, slopes: Array, by_place: Array, late: Array) -> Array:
     """Return what is alike all the time, or changes slowly, (n, 3, 25): a matrix, offsets, a place and a delay."""
     X = np.zeros((len(others), 3, 25))
-    drift = late[:, None] ** np.arange(_DRIFT + 1)
+    drift = late[:, None] ** np.arange(DRIFT + 1)
     for j in range(3):
         X[:, j, 3 * j : 3 * j + 3] = others
         X[:, j, 9 + 4 * j : 13 + 4 * j] = drift

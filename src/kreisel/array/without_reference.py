@@ -106,9 +106,7 @@ def _faulty(motion: HandMotion, names: Sequence[str], recording: Recording) -> d
     else:
         contrary = contrary_forces(motion)
         if contrary is None:
-            raise RecordingError(
-                f"of {' and '.join(names)}, which contradict each other: {CONTRARY}", file=recording.path
-            )
+            raise RecordingError(f"{' and '.join(names)}: of one of them, {CONTRARY}", file=recording.path)
         found = {names[k]: CONTRARY for k in contrary}
         slide = None if found else sudden_slide(motion)
         found |= {} if slide is None else {names[slide.number]: slide.text}

@@ -402,7 +402,6 @@ def _warming(found: StaticEstimate) -> list[DataWarning]:
             axes = ", ".join(axis for axis, one in zip("xyz", steady, strict=True) if one)
             change = float(np.abs(walk[-1] - walk[0])[steady].max())
             text = f"the offset of {name} {axes} changes by {change:.2g} {unit} from beginning to end"
-            out.append(
-                DataWarning("offsets", f"{text}: the unit warms up, or its temperature changes; warm it up first")
-            )
+            cause = "the unit warms up, its temperature changes, or it was switched off in between; warm it up first"
+            out.append(DataWarning("offsets", f"{text}: {cause}"))
     return out
