@@ -171,6 +171,9 @@ def _joined(
     return ImuSamples(np.concatenate(stamps), joined[:, :3].copy(), joined[:, 3:].copy(), imu.source)
 
 
+_SOON = 10.0
+"""Usual steps after which the second message of a clock that begins at zero has come. Chosen: some may be lost."""
+
 _APART_NS = 200_000_000
 """ns: smallest step between the readings before a jump of the clock and those after it. Chosen: four times a gap."""
 
@@ -440,10 +443,20 @@ def _stamps(stamps: Stamps, topic: Topic, warnings: list[DataWarning]) -> tuple[
         message = f"every header on {topic.name} is stamped zero; took the times of logging, which jitter"
         warnings.append(DataWarning("stamps", message))
         return np.array(topic.log_times_ns, dtype=np.int64), ~stamped
+    if _begins_at_zero(stamps, stamped):
+        return stamps, ~np.zeros_like(stamped)
     if not stamped.all():
         text = f"left out {np.sum(~stamped)} messages on {topic.name} whose headers are stamped zero"
         warnings.append(DataWarning("stamps", text))
     return stamps, stamped
+
+
+def _begins_at_zero(stamps: Stamps, stamped: NDArray[np.bool_]) -> bool:
+    """Return whether a clock begins at zero, as of a simulation: one message is stamped so, the next soon after it."""
+    if np.sum(~stamped) != 1 or np.sum(stamped) < 2:
+        return False
+    later = np.sort(stamps[stamped])
+    return bool(0 < later[0] <= _SOON * np.median(np.diff(later)))
 
 
 def _source(path: Path, topic: Topic) -> Path:

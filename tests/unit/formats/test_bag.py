@@ -339,6 +339,13 @@ def test_headers_stamped_zero(tmp_path: Path) -> None:
     assert "every header on /imu is stamped zero" in str(got.warnings[0])
 
 
+def test_a_clock_that_begins_at_zero_loses_nothing(tmp_path: Path) -> None:
+    messages = [replace(m, stamp_ns=m.stamp_ns - FIRST) for m in imu_messages()]
+    got = load_bag(write_bag(tmp_path, "mcap", messages, log_start=0))
+    np.testing.assert_array_equal(got.imu.stamps_ns, np.array(stamps()) - FIRST)
+    assert not got.warnings
+
+
 def test_first_headers_stamped_zero(tmp_path: Path) -> None:
     messages = [imu_messages(), reference_messages(), joint_messages()]
     some = [replace(m, stamp_ns=0) if k < 3 else m for part in messages for k, m in enumerate(part)]
