@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from kreisel.array.hand_motion import HandMotion
-from kreisel.geometry.rotation import Array, skew
+from kreisel.geometry.rotation import Array
 
 _FAR = 0.5
 """Distance (of Frobenius) of a matrix between two IMUs' forces from that of no change, from which they contradict each
@@ -30,9 +30,7 @@ def contrary_forces(motion: HandMotion) -> tuple[int, ...] | None:
     One whose accelerations all have the other sign is among them, if the others have not.
     """
     count = len(motion.forces)
-    forces = np.array([f @ R.T for f, R in zip(motion.forces, motion.axes, strict=True)])
-    rates = motion.rates.mean(axis=0)
-    by_place = skew(motion.slope) + skew(rates) @ skew(rates)
+    forces, by_place = motion.in_common(motion.forces), motion.by_place
     agrees = np.eye(count, dtype=bool)
     for j, k in combinations(range(count), 2):
         agrees[j, k] = agrees[k, j] = np.linalg.norm(_matrix(forces[j], forces[k], by_place) - np.eye(3)) < _FAR

@@ -13,7 +13,7 @@ from kreisel.array.resampled import resampled, white_noise
 from kreisel.array.sudden_change import SuddenChange, sudden_change
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, Mask, lengths, nearest_rotation
+from kreisel.geometry.rotation import Array, Mask, lengths, nearest_rotation, skew
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.inertial.slopes import local_cubics, usual_interval
 from kreisel.recording.recording import ImuSamples
@@ -70,6 +70,15 @@ class HandMotion:
     def mean(self) -> Array:
         """Mean rate, (n, 3)."""
         return np.asarray(self.rates.mean(axis=0))
+
+    @cached_property
+    def by_place(self) -> Array:
+        """Force by a unit of distance, (n, 3, 3), 1/s^2: [w' x] + [w x]^2."""
+        return np.asarray(skew(self.slope) + skew(self.mean) @ skew(self.mean))
+
+    def in_common(self, vectors: Array) -> Array:
+        """Return vectors (N, n, 3), each IMU's in its own axes, in the axes of the first."""
+        return np.asarray(vectors @ np.swapaxes(self.axes, 1, 2))
 
     def in_axes(self, vectors: Array) -> Array:
         """Return vectors (m, 3) in the axes of each IMU, (N, m, 3)."""

@@ -25,7 +25,7 @@ _TURN, _DELAY = 2e-3, 1e-3
 """rad and s: smallest change that counts. Chosen: on a public board of eight units that nothing touched, delays
 differed by 0.9 ms from part to part, and rotations by 4 mrad between slow and fast ones."""
 
-_ALONE, _OF_TWO = 1.6, 3.0
+ALONE, OF_TWO = 1.6, 3.0
 """By how much the change of one unit must exceed that of any other, and of two units the smallest one that counts: of
 three units the other two change by half of it."""
 
@@ -100,7 +100,7 @@ def sudden_change(seconds: Array, rates: Array, slope: Array) -> SuddenChange | 
     found = []
     for turn, least in ((True, _TURN), (False, _DELAY)):
         own = sorted((one for each in changes for one in each if one.turn is turn), key=lambda one: -one.size)
-        usual = own[1].size * _ALONE if len(own) > 1 else least * (_OF_TWO if count == 2 else 1.0)
+        usual = own[1].size * ALONE if len(own) > 1 else least * (OF_TWO if count == 2 else 1.0)
         if own and own[0].size > max(usual, least):
             found.append(own[0])
     return max(found, key=lambda change: change.explained, default=None)

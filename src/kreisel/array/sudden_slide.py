@@ -7,15 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from kreisel.array.hand_motion import HandMotion
-from kreisel.array.sudden_change import DRIFT, SURE, alike_parts, clearest, in_parts, spikes_in, sums_of, without
-from kreisel.geometry.rotation import Array, skew
+from kreisel.array.sudden_change import (
+    ALONE,
+    DRIFT,
+    OF_TWO,
+    SURE,
+    alike_parts,
+    clearest,
+    in_parts,
+    spikes_in,
+    sums_of,
+    without,
+)
+from kreisel.geometry.rotation import Array
 
 _LEAST = 1e-3
 """m: smallest slide that counts. Chosen: plates bend, and accelerometers of a unit lie apart, by tenths of that."""
-
-_ALONE, _OF_TWO = 1.6, 3.0
-"""By how much the slide of one unit must exceed that of any other, and of two units the smallest one that counts, as in
-`sudden_change`."""
 
 
 @dataclass(frozen=True)
@@ -35,25 +42,23 @@ class Slide:
 
 def sudden_slide(motion: HandMotion) -> Slide | None:
     """Return the clearest slide of an IMU against all others, if there is one; of two, the second one slides."""
-    forces = np.array([f @ R.T for f, R in zip(motion.forces, motion.axes, strict=True)])
-    slopes = np.array([f @ R.T for f, R in zip(motion.force_slopes, motion.axes, strict=True)])
+    forces, slopes = motion.in_common(motion.forces), motion.in_common(motion.force_slopes)
     count = len(forces)
     units = range(1 if count == 2 else 0, count)
     found = [one for k in units if (one := _slide(k, motion, forces, slopes)) is not None]
     found.sort(key=lambda one: -one.size)
-    usual = found[1].size * _ALONE if len(found) > 1 else _LEAST * (_OF_TWO if count == 2 else 1.0)
+    usual = found[1].size * ALONE if len(found) > 1 else _LEAST * (OF_TWO if count == 2 else 1.0)
     return found[0] if found and found[0].size > max(usual, _LEAST) else None
 
 
 def _slide(number: int, motion: HandMotion, forces: Array, slopes: Array) -> Slide | None:
     own = forces[number]
     others = np.delete(forces, number, axis=0).mean(axis=0)
-    rates = motion.mean
-    by_place = skew(motion.slope) + skew(rates) @ skew(rates)
+    by_place = motion.by_place
     late, part = in_parts(motion.seconds)
     lasting = _lasting(others, np.delete(slopes, number, axis=0).mean(axis=0), by_place, late)
     best: Slide | None = None
-    for group in alike_parts(rates, part):
+    for group in alike_parts(motion.mean, part):
         used = group[part]
         if not used.any():
             continue

@@ -138,7 +138,7 @@ def _outliers(lot: Sequence[Run]) -> dict[str, list[Outlier]]:
 
 
 def outlying(count: int) -> float:
-    """Return the robust standard deviations beyond which one of so many units is an outlier."""
+    """Return the robust standard deviations beyond which a unit is an outlier in a lot of this size."""
     return float(np.interp(np.log(count), np.log(_SIZES), _OUTLYING))
 
 
@@ -154,8 +154,8 @@ def figures_of(runs: Sequence[Run], quantity: Quantity) -> tuple[Array, Array]:
 
 def devices(units: Sequence[Unit]) -> list[Unit]:
     """Return the units by their last runs: what was calibrated several times counts once."""
-    last = {unit.run.device: unit for unit in units}
-    return [unit for unit in units if last[unit.run.device] is unit]
+    last = {id(run) for run in last_of_each([unit.run for unit in units])}
+    return [unit for unit in units if id(unit.run) in last]
 
 
 def counts(units: Sequence[Unit]) -> dict[str, int]:

@@ -197,7 +197,7 @@ def _day(run: Run) -> date | None:
 
 
 def aged(years: Array, values: Array, deviations: Array) -> tuple[Ageing, ...]:
-    """Return level and change a year of each figure of a quantity, (n, k), at so many years before the last one.
+    """Return level and change a year of each figure of a quantity, (n, k), at times before the last one, in years.
 
     Notes
     -----

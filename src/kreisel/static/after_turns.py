@@ -32,7 +32,7 @@ _BY_GRAVITY = 0.5
 
 _BLOCK, _SHORTEST, _TRIED, _LONGEST = 0.1, 20.0, 60, 4.0
 """s of a mean of rates, percentile of durations up to which they are compared, and number of time constants that are
-tried, up to so many times that duration."""
+tried, and the largest one, over that duration."""
 
 _RELAXES = (
     "the device goes on turning for a while at standstills, by {size:.2g} mrad, {way} the turn before: only the last "
@@ -117,13 +117,11 @@ class _Relaxation:
         """
         used, along = _turned(imu, rests)
         rates, step = imu.rates.copy(), max(1, round(_BLOCK / imu.interval))
-        begins = rests.first[np.searchsorted(rests.last, late.last)]
         which = np.searchsorted(rests.last, late.last)
-        for k, a, b, begin in zip(
-            which.tolist(), late.first.tolist(), late.last.tolist(), begins.tolist(), strict=True
-        ):
+        for k, a, b in zip(which.tolist(), late.first.tolist(), late.last.tolist(), strict=True):
             if not used[k]:
                 continue
+            begin = int(rests.first[k])
             t0, length = (a - begin) * imu.interval, (b - a) * imu.interval
             gone = self.rate * self.tau * np.exp(-t0 / self.tau)
             share = self.tau / length * (1.0 - np.exp(-length / self.tau))
