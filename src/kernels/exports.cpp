@@ -5,6 +5,7 @@
 
 #include "calls.hpp"
 #include "chain.hpp"
+#include "elimination.hpp"
 #include "filter.hpp"
 #include "layout.hpp"
 #include "quadrature.hpp"
@@ -167,6 +168,16 @@ EXPORTED int KREISEL(carry_back)(
     return guarded([&] {
         Workspace memory;
         carry_back({transition, design, gain, keep}, weights, rows_after, after, rows_before, before, state, memory);
+    });
+}
+
+EXPORTED int KREISEL(eliminate)(
+    const ChainRows *rows, ConstStack weights, Index alike, ConstTable of_nodes, ConstTable of_parameters, Table parameters,
+    Stack information, Numbers log_evidence, Stack nodes
+) {
+    return guarded([&] {
+        Workspace memory;
+        eliminate(*rows, weights, alike, of_nodes, of_parameters, parameters, information, log_evidence, nodes, memory);
     });
 }
 

@@ -10,6 +10,7 @@
 #include <type_traits>
 
 #include "chain.hpp"
+#include "elimination.hpp"
 #include "filter.hpp"
 #include "rotation_fit.hpp"
 
@@ -21,7 +22,7 @@ template <class T> struct Named;
 #define NAMED(type) NAMED_AS(type, type)
 NAMED(double) NAMED(Index) NAMED(Numbers) NAMED(Table) NAMED(Stack) NAMED(Indices) NAMED(IndexTable) NAMED(Mask)
 NAMED(ParameterRows) NAMED(Model) NAMED(Samples) NAMED(Steps) NAMED(Record) NAMED(Gate) NAMED(Gaussian)
-NAMED(Chain) NAMED(RateSignal)
+NAMED(Chain) NAMED(ChainRows) NAMED(RateSignal)
 NAMED_AS(ConstNumbers, Numbers) NAMED_AS(ConstTable, Table) NAMED_AS(ConstStack, Stack)
 NAMED_AS(WrittenIndices, Indices) NAMED_AS(WrittenMask, Mask)
 #undef NAMED
@@ -96,6 +97,11 @@ inline void other_layout(Layout &layout) {
         layout.end();
     }
     {
+        BEGIN(ChainRows);
+        FIELD(residual); FIELD(node); FIELD(next); FIELD(of_node); FIELD(of_next); FIELD(of_parameters);
+        layout.end();
+    }
+    {
         BEGIN(RateSignal);
         FIELD(stamps); FIELD(rates); FIELD(smooth); FIELD(integral);
         layout.end();
@@ -116,6 +122,7 @@ inline const std::string &layout_text() {
         layout.count("rates", RATES);
         layout.count("measured", MAX_MEASURED);
         layout.count("joints", MAX_JOINTS);
+        layout.count("node", NODE);
         layout.order("Stored", Stored_order);
         layout.order("Noise", Noise_order);
         layout.order("Coloured", Coloured_order);

@@ -139,7 +139,7 @@ class StaticEstimate:
     @property
     def _nodes(self) -> Array:
         """What is left of every standstill's unknowns about the estimate, (M, NODE)."""
-        return self._step.nodes()[0]
+        return self._step.nodes[0]
 
 
 def estimate_static(
@@ -209,7 +209,7 @@ def fitted(
         found = solution(problem, linear, how, as_row(figures), about)
         if i == steps or settled.all():
             break
-        change, nodes = found.parameters[0], found.nodes()[0]
+        change, nodes = found.parameters[0], found.nodes[0]
         p, C = problem.changed(p, change), moved(C, nodes[:, ATTITUDE])
         settled = np.abs(change) < _SETTLED / np.sqrt(np.diag(found.information[0]))
     if not np.isfinite(found.log_evidence).all():

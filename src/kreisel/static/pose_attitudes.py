@@ -7,9 +7,10 @@ from typing import Self
 
 import numpy as np
 
+from kreisel._kernels.elimination import NODE
 from kreisel.geometry.rotation import Array, Indices, exp, from_matrix, log, matrix, multiply
 from kreisel.model.parameters import CellParameters
-from kreisel.static.rest_chain import ATTITUDE, NODE, Equations
+from kreisel.static.rest_chain import ATTITUDE, Equations
 from kreisel.static.rest_problem import Nuisance, RestProblem, nuisance
 
 _POSE = 1e-5

@@ -16,10 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kreisel._kernels.elimination import NODE
 from kreisel.geometry.rotation import Array, Indices, exp, from_matrix, from_two_vectors, log, matrix, skew
 from kreisel.inertial.effects import EFFECTS
 from kreisel.model.parameters import CellParameters
-from kreisel.static.rest_chain import ACCEL_WALK, ATTITUDE, GYRO_WALK, NODE, Equations
+from kreisel.static.rest_chain import ACCEL_WALK, ATTITUDE, GYRO_WALK, Equations
 from kreisel.static.rest_problem import RestProblem
 from kreisel.static.turns import Turns, turns_between
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from kreisel.static.rest_chain import NODE, Equations, solve
+from kreisel._kernels.elimination import NODE
+from kreisel.static.rest_chain import Equations, solve
 
 
 def chain(rng, M=5, P=4):
@@ -45,7 +46,7 @@ def test_the_chain_is_the_dense_system():
         H = J.T @ W @ J + before
         x = np.linalg.solve(H, np.concatenate([np.zeros(M * NODE), expected]) - J.T @ W @ r)
         np.testing.assert_allclose(found.parameters[s], x[-P:], rtol=1e-9)
-        np.testing.assert_allclose(found.nodes()[s].ravel(), x[:-P], rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(found.nodes[s].ravel(), x[:-P], rtol=1e-8, atol=1e-12)
         np.testing.assert_allclose(found.covariance[s], np.linalg.inv(H)[-P:, -P:], rtol=1e-9)
 
 
