@@ -38,15 +38,21 @@ def check_rate_size(imu: ImuSamples, rests: Rests) -> None:
         return
     offset = np.median(rests.rates, axis=0)
     angles = [_steps(imu, offset, int(rests.last[m]) - 1, int(rests.first[m + 1])) for m in own]
-    misses = np.stack([_misses(one, up[m], up[m + 1]) for one, m in zip(angles, own, strict=True)], axis=1)
     length = np.array([lengths(one).sum() for one in angles])
-    misses[_SIZES[:, None] * length > _MOST] = np.inf
-    enough = np.isfinite(misses).sum(axis=1) >= max(_FEWEST, own.size // 2)
-    typical = np.array(
-        [np.median(row[np.isfinite(row)]) if ok else np.inf for row, ok in zip(misses, enough, strict=True)]
-    )
-    best, one = int(np.argmin(typical)), int(np.argmin(np.abs(np.log(_SIZES))))
-    if typical[best] < _RIGHT and typical[one] > _WRONG:
+
+    def typical(sizes: Array) -> Array:
+        """Return the median angle by which rates of each size miss gravity; inf where too few turns show it."""
+        pairs = zip(angles, own, strict=True)
+        misses = np.stack([_misses(one, sizes, up[m], up[m + 1]) for one, m in pairs], axis=1)
+        misses[sizes[:, None] * length > _MOST] = np.inf
+        seen = [row[np.isfinite(row)] for row in misses]
+        return np.array([np.median(row) if row.size >= max(_FEWEST, own.size // 2) else np.inf for row in seen])
+
+    if typical(np.ones(1))[0] <= _WRONG:
+        return
+    by_size = typical(_SIZES)
+    best = int(np.argmin(by_size))
+    if by_size[best] < _RIGHT:
         raise RecordingError(
             f"turns agree with gravity only if all rates are multiplied by {_SIZES[best]:.2g}: expected rad/s, and "
             "seconds that are true; check the gyros' unit (0.017: deg/s) and the sample rate",
@@ -61,10 +67,10 @@ def _steps(imu: ImuSamples, offset: Array, begin: int, end: int) -> Array:
     return np.add.reduceat(angle, np.arange(0, len(angle), step), axis=0)
 
 
-def _misses(angles: Array, before: Array, after: Array) -> Array:
-    """Return the angle between gravity after a turn and as each size predicts it, (sizes,)."""
-    q = np.tile([1.0, 0.0, 0.0, 0.0], (_SIZES.size, 1))
+def _misses(angles: Array, sizes: Array, before: Array, after: Array) -> Array:
+    """Return the angle between gravity after a turn and as each size of the rates predicts it, (sizes,)."""
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (sizes.size, 1))
     for angle in angles:
-        q = multiply(q, exp(_SIZES[:, None] * angle))
-    predicted = apply(conjugate(q), np.broadcast_to(before, (_SIZES.size, 3)))
+        q = multiply(q, exp(sizes[:, None] * angle))
+    predicted = apply(conjugate(q), np.broadcast_to(before, (sizes.size, 3)))
     return np.asarray(np.arccos(np.clip(predicted @ after, -1.0, 1.0)))

@@ -155,7 +155,7 @@ class RestProblem:
         """Number of estimated parameters that are no nuisances."""
         return self.layout.degrees - sum(one.width.size for one in self.nuisances)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters that are estimated."""
         layout, beside = self.layout, {one.name: one.labels for one in self.nuisances}
