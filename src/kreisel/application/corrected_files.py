@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from kreisel.application.corrected_tables import CorrectedTable
 from kreisel.application.unit_check import check_units
@@ -21,6 +23,7 @@ from kreisel.inertial.effects import follows_temperature
 from kreisel.progress import StepProgress
 from kreisel.recording.recording import DataWarning, ImuSamples
 from kreisel.validation.as_sampled import sampled_rows
+from kreisel.validation.masking import part_of
 
 _BLOCK = 1 << 20
 """Bytes of a table that are read at once; the header line must lie within the first of them. Chosen: ten thousand rows
@@ -209,12 +212,16 @@ def apply_to_table(
 
 
 def _read_whole(calibration: Calibration, table: Path) -> tuple[tuple[Array, Array] | None, list[str]]:
-    """Return angular rate and specific force of every row, and notes; None for a table with a fault.
+    """Return angular rate and specific force of every row that has numbers, and notes; None for a table with a fault.
 
     That is found with its line when the rows are read one by one.
     """
     try:
-        omega, f, notes = _corrected(calibration, read_imu_table(table, []))
+        read = read_imu_table(table, [])
+        known = np.flatnonzero(~np.isnan(np.hstack([read.rates, read.accelerations]).sum(axis=1)))
+        if known.size < len(read.rates):
+            read = replace(part_of(read, known), rows=None)
+        omega, f, notes = _corrected(calibration, read)
     except RecordingError:
         return None, []
     return (omega, f), notes

@@ -133,7 +133,13 @@ class CorrectedTable:
     @property
     def notes(self) -> list[str]:
         """What to know about the columns, and about readings that a calibration would not take as they are."""
-        return [*([str(note) for note in self._lines.notes] if self._warm else []), *self._scatter]
+        lines = self._lines
+        gone = (
+            f"{self._source}: rows without a number, left out: {len(lines.missing)} (first: line {lines.missing[0]})"
+            if lines.missing
+            else ""
+        )
+        return [*([str(note) for note in lines.notes] if self._warm else []), *([gone] if gone else []), *self._scatter]
 
     def _header(self) -> bytes:
         if self._header_written or self._lines.header is None:

@@ -56,6 +56,8 @@ class ImuLines:
         Header of the stamps, and that of columns after the readings with its comma; None before it came.
     notes
         What to know about the columns.
+    missing
+        Lines of rows without a number (NaN, or an empty cell), which are left out.
     """
 
     def __init__(self, source: Path, *, packets: bool = False) -> None:
@@ -66,6 +68,7 @@ class ImuLines:
         self._last: int | None = None
         self._unreadable: RecordingError | None = None
         self.notes: list[DataWarning] = []
+        self.missing: list[int] = []
         self.header: tuple[str, str] | None = None
 
     def feed(self, data: bytes) -> ImuRows | None:
@@ -139,6 +142,13 @@ class ImuLines:
         if len(found) != len(rows):
             raise self._fault(f"{len(rows)} lines with {len(found)} rows; expected one row in each", begin)
         values = found.view(np.float64).reshape(len(found), len(self._columns))
+        known = np.flatnonzero(~np.isnan(values[:, 1:7].sum(axis=1)))
+        if known.size < len(rows):
+            self.missing += np.delete(numbers, known).tolist()
+            rows, found, values = [rows[k] for k in known], found[known], values[known]
+            numbers = [number for number, _ in rows]
+            if not rows:
+                return None
         unit = time_unit(self._columns, self._source)
         stamps = found["stamp"] if unit == "ns" else stamps_in_nanoseconds(values[:, 0], unit, self._source)
         self._check_ascending(stamps, numbers)

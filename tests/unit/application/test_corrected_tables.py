@@ -73,7 +73,7 @@ def test_units_of_the_header_are_converted_and_other_columns_kept():
         (HEADER.encode() + b"\r", "has a header but no rows"),
         (b"t,a\n1,2\n", "2 columns, expected 7 or more"),
         (table().replace(repr(float(RATES[7, 1])).encode(), b"x"), "line 9: 'x' in column 3"),
-        (table().replace(repr(float(RATES[7, 1])).encode(), b"nan"), "line 9: a reading is not a finite number"),
+        (table().replace(repr(float(RATES[7, 1])).encode(), b"inf"), "line 9: a reading is not a finite number"),
         (table()[:4000] + b"\n" + table()[100:], "expected 7 values"),
         (table() + table().split(b"\n")[1] + b"\n", "expected ascending stamps"),
         (HEADER.encode() + b"\n" + b"9" * 70_000, "a line of more than 65536 bytes"),
@@ -103,9 +103,25 @@ def test_lines_are_counted_behind_comments_and_blank_ones(cut):
     data = b"\n".join([first, b"# a comment", second, b"", third, *rest])
     row = rest[4]
     with pytest.raises(RecordingError, match="line 10: a reading is not a finite number"):
-        everything(data.replace(row, row.split(b",")[0] + b",nan,0,0,0,0,0"), [cut])
+        everything(data.replace(row, row.split(b",")[0] + b",inf,0,0,0,0,0"), [cut])
     with pytest.raises(RecordingError, match="line 11: the stamp .* does not follow .*; expected ascending stamps"):
         everything(data.replace(row, row + b"\n" + row), [cut])
+
+
+@pytest.mark.parametrize("cell", [b"nan", b""])
+def test_rows_without_a_number_are_left_out_and_counted(tmp_path, cell):
+    """As where readings are calibrated: the others are corrected as if the row had been lost."""
+    raw, lost = tmp_path / "raw.csv", tmp_path / "lost.csv"
+    number = repr(float(RATES[7, 1])).encode()
+    raw.write_bytes(table().replace(number, cell, 1))
+    lines = table().split(b"\n")
+    lost.write_bytes(b"\n".join(lines[:8] + lines[9:]))
+    done = apply_to_file(TOOL, raw, tmp_path / "out.csv")
+    apply_to_file(TOOL, lost, tmp_path / "of_lost.csv")
+    assert done.samples == N - 1
+    assert any("rows without a number, left out: 1 (first: line 9)" in warning for warning in done.warnings)
+    assert (tmp_path / "out.csv").read_bytes() == (tmp_path / "of_lost.csv").read_bytes()
+    assert everything(raw.read_bytes()).count(b"\n") == N
 
 
 def test_a_cut_last_line_is_left_out_and_told(tmp_path):
