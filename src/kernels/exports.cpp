@@ -5,9 +5,9 @@
 
 #include "calls.hpp"
 #include "chain.hpp"
-#include "elimination.hpp"
 #include "filter.hpp"
 #include "layout.hpp"
+#include "node_elimination.hpp"
 #include "quadrature.hpp"
 #include "recursions.hpp"
 #include "rotation_fit.hpp"

@@ -10,8 +10,8 @@
 #include <type_traits>
 
 #include "chain.hpp"
-#include "elimination.hpp"
 #include "filter.hpp"
+#include "node_elimination.hpp"
 #include "rotation_fit.hpp"
 
 namespace {

@@ -144,14 +144,28 @@ _MOUNTING = "mounting_rotation_deg"
 """Of half a turn there are two, so that rounding may change all of it."""
 
 
-def of_parameters(derived: Mapping[str, Measured], parameters: SensorParameters) -> dict[str, Measured]:
+def of_parameters(
+    derived: Mapping[str, Measured], parameters: SensorParameters, deviations: SensorParameters
+) -> dict[str, Measured]:
     """Return derived quantities as read from a file, with the values that the parameters give.
+
+    Parameters
+    ----------
+    deviations
+        Of the parameters. Those of biases are these in another unit; others depend on correlations, too.
 
     Raises
     ------
     ValueError
         If they differ by more than rounding: then somebody changed one of them.
     """
+    for name, own in (("gyro_bias_deg_h", deviations.k_w[0] / DEG_PER_HOUR), ("accel_bias_mg", deviations.k_a[0] / MG)):
+        stated = derived[name].deviation if name in derived else own
+        for k in np.flatnonzero(np.abs(stated - own) > _AGREES * own + _ROUNDING):
+            raise ValueError(
+                f"standard_deviation.derived.{name}[{k}] is {stated[k]:.6g}, but the offset's gives {own[k]:.6g}: "
+                "somebody changed one of them"
+            )
     out = dict(derived)
     for quantity in QUANTITIES:
         stated = derived.get(quantity.name)

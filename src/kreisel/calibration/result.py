@@ -261,7 +261,7 @@ def _read_parts(file: Path) -> CalibrationParts:
         check_form(document)
         check_known(document)
         parts = from_document(document)
-        return replace(parts, derived=of_parameters(parts.derived, parts.sensors))
+        return replace(parts, derived=of_parameters(parts.derived, parts.sensors, parts.sensor_sd))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise RecordingError(
             f"incomplete or changed: {error}; write it again with `kreisel calibrate`", file=file
@@ -286,12 +286,21 @@ def _quoted(representer: Any, text: str) -> Any:
     return representer.represent_scalar("tag:yaml.org,2002:str", text, style='"' if "'" in text else None)
 
 
+def represent_number(representer: Any, value: float) -> Any:
+    """Return the node of a number, with a point: readers of YAML 1.1, PyYAML among them, take 5e-05 for a text."""
+    node = representer.represent_float(value)
+    if "." not in node.value:
+        node.value = node.value.replace("e", ".0e")
+    return node
+
+
 def write_document(document: Mapping[str, Any], file: Path) -> None:
     """Write mappings, lists, texts and numbers as YAML that people read: short rows, lists of numbers in one line."""
     yaml = YAML(typ="safe")
     yaml.default_flow_style = None
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # it is None there
     yaml.representer.add_representer(str, _quoted)
+    yaml.representer.add_representer(float, represent_number)
     yaml.width = 120
     with file.open("w", encoding="utf-8") as stream:
         yaml.dump(document, stream)

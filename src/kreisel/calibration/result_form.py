@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+
+from kreisel.calibration.device_axes import AXES
+from kreisel.model.groups import group_named
+from kreisel.model.parameters import other_groups
 
 _SHAPES = {"cross_coupling": (3, 3), "offset": (3,), "lever_arms": (3, 3)}
 """Of entries of a sensor."""
@@ -43,6 +48,40 @@ def check_form(document: Mapping[str, Any]) -> None:
             for entry, value in _leaves(tables.get(name) or {}, place + name):
                 if value is not None and not _is_number(value):
                     raise ValueError(f"{entry} is {_short(value)}, expected a number")
+                if place and value is not None and value < 0.0:
+                    raise ValueError(f"{entry} is {_short(value)}, expected a standard deviation")
+    _check_terms(document)
+    if (axes := document.get("axes", "tool")) not in AXES:
+        raise ValueError(f"axes is {_short(axes)}, expected {', '.join(AXES)}")
+    if isinstance(recording := document.get("recording"), dict):
+        _check_recording(recording)
+
+
+def _check_terms(document: Mapping[str, Any]) -> None:
+    """Raise an error for error terms of a sensor that have another number of values, and for powers that are none."""
+    for group in map(group_named, other_groups()):
+        sensor, _, entry = group.path.partition(".")
+        value = document[group.owner].get(entry) if group.is_sensor and sensor == group.owner else None
+        if value is not None and np.size(value) != group.degrees(1):
+            raise ValueError(f"{group.path} has {np.size(value)} numbers, expected {group.degrees(1)}")
+    for sensor in ("gyroscope", "accelerometer"):
+        for power in document[sensor].get("polynomial") or {}:
+            if not str(power).isdecimal() or int(power) < 2:
+                raise ValueError(f"{sensor}.polynomial has the power {power}, expected 2 or more")
+
+
+def _check_recording(table: Mapping[str, Any]) -> None:
+    """Raise an error for numbers of a recording that the calibration is applied with."""
+    warm = table.get("temperature_c")
+    if warm is not None and not _is_finite(warm):
+        raise ValueError(f"recording.temperature_c is {_short(warm)}, expected a number")
+    counts = table.get("counts") or {}
+    for name in ("rate", "acceleration") if counts else ():
+        size, zero = counts[name]["size"], counts[name]["zero"]
+        if not _is_finite(size) or size <= 0.0:
+            raise ValueError(f"recording.counts.{name}.size is {_short(size)}, expected a number above 0")
+        if not _fits(zero, (3,)) or not all(map(_is_finite, zero)):
+            raise ValueError(f"recording.counts.{name}.zero is {_short(zero)}, expected 3 numbers")
 
 
 def _check_sensors(tables: Any, place: str, *, required: bool = False) -> None:
@@ -84,6 +123,10 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_finite(value: Any) -> bool:
+    return _is_number(value) and math.isfinite(value)
 
 
 def _short(value: Any) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from kreisel.calibration.result import Calibration
+from kreisel.calibration.result import Calibration, represent_number
 from kreisel.errors import RecordingError
 from kreisel.exchange.exported import Exported, ExportRequest
 from kreisel.exchange.imported import imported
@@ -137,6 +137,7 @@ def dumped(document: dict[str, Any]) -> str:
     yaml, stream = YAML(), StringIO()
     yaml.default_flow_style = None
     yaml.width = 4096
+    yaml.representer.add_representer(float, represent_number)
     yaml.dump(document, stream)
     return stream.getvalue()
 

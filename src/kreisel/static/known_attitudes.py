@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from kreisel._kernels.elimination import NODE
+from kreisel._kernels.node_elimination import NODE
 from kreisel.geometry.rotation import Array, Indices, Mask, exp, from_matrix, from_two_vectors, log, matrix, skew
 from kreisel.model.parameters import CellParameters
 from kreisel.static.rest_chain import ATTITUDE, Equations

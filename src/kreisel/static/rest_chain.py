@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel._kernels.elimination import ChainRows, eliminate
+from kreisel._kernels.node_elimination import ChainRows, eliminate
 from kreisel.geometry.rotation import Array, Indices
 
 ATTITUDE, GYRO_WALK, ACCEL_WALK = slice(0, 3), slice(3, 6), slice(6, 9)

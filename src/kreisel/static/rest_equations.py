@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kreisel._kernels.elimination import NODE
+from kreisel._kernels.node_elimination import NODE
 from kreisel.geometry.rotation import Array, Indices, exp, from_matrix, from_two_vectors, log, matrix, skew
 from kreisel.inertial.effects import EFFECTS
 from kreisel.model.parameters import CellParameters

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kreisel._kernels.elimination import NODE
+from kreisel._kernels.node_elimination import NODE
 from kreisel.geometry.rotation import Array
 from kreisel.static.rest_chain import ACCEL_WALK, ATTITUDE, GYRO_WALK, Solution, solve
 from kreisel.static.rest_equations import Linear

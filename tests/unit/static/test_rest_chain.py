@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kreisel._kernels.elimination import NODE
+from kreisel._kernels.node_elimination import NODE
 from kreisel.static.rest_chain import Equations, solve
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from kreisel._kernels.elimination import NODE, ChainRows, eliminate
+from kreisel._kernels.node_elimination import NODE, ChainRows, eliminate
 
 T, P, M = 4, 2, 3
 
