@@ -12,7 +12,7 @@ from kreisel.preparation.imu_noise import readings_of
 from kreisel.preparation.time_base import on_reference_clock
 from kreisel.recording.recording import ImuSamples, ReferencePoses
 from kreisel.synchronization.clock import Clock
-from kreisel.synchronization.clock_jump import ClockJump, find_clock_jump
+from kreisel.synchronization.clock_jump import ClockJump, corrected, find_clock_jump
 from kreisel.synchronization.clock_slew import ClockSlew, find_clock_slew
 from kreisel.synchronization.even_losses import evenly_lost
 from kreisel.synchronization.lost_samples import LostSamples, find_lost_samples
@@ -33,6 +33,9 @@ _BURST, _MAX_IN_BURST = 0.5, 6
 
 _MAX_LOST_SHARE = 0.007
 """Share of the samples that may be restored: more of them explain a clock of any rate."""
+
+_ROUNDS_OF_SIZE, _SETTLED = 5, 0.3
+"""Corrections of a jump's size at most, and deviations of it below which it is found. Chosen: each leaves a tenth."""
 
 _EQUAL_RATES = 3e-4
 """Difference of two clocks that a crystal may have."""
@@ -111,13 +114,15 @@ def _in_imu(before: Comparison, slew: ClockSlew) -> Comparison:
 
 def without_jump(before: Comparison) -> Comparison:
     """Return the comparison without a jump of the clocks; the same one if there is none."""
-    found, jump = before, None
-    while (further := find_clock_jump(found.readings, found.reference, found.fit)) is not None:
-        if jump is not None and not jump.is_near(further):
-            break  # more than one
-        jump = further if jump is None else jump.and_further(further)
-        found = _taken_out(found, further)
-    return found if jump is None else found.with_warning(jump.warning())
+    jump = find_clock_jump(before.readings, before.reference, before.fit)
+    if jump is None:
+        return before
+    for _ in range(_ROUNDS_OF_SIZE):
+        found = _taken_out(before, jump)
+        last, jump = jump, corrected(jump, found.fit)
+        if abs(jump.size - last.size) <= _SETTLED * jump.size_sd:
+            break
+    return _taken_out(before, jump).with_warning(jump.warning())
 
 
 def in_stated_seconds(before: Comparison) -> Comparison:

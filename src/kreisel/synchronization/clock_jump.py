@@ -47,14 +47,6 @@ class ClockJump:
         """Return which poses are so near to the jump that it is not known to which side they belong."""
         return np.abs(reference.seconds - self.tau) < _BESIDE
 
-    def is_near(self, further: ClockJump) -> bool:
-        """Return whether another jump is a correction of this one."""
-        return abs(further.tau - self.tau) < 2.0 * _BESIDE and abs(further.size) < 0.5 * abs(self.size)
-
-    def and_further(self, further: ClockJump) -> ClockJump:
-        """Return this jump with a correction of it."""
-        return ClockJump(self.tau, self.size + further.size, further.size_sd)
-
     def taken_out_of_joints(self, joints: JointAngles, first_ns: int) -> JointAngles:
         """Return the joint angles, which have the clock of the poses; `first_ns` is the stamp of the first pose."""
         kept, stamps = self._moved(joints.stamps_ns, first_ns)
@@ -103,6 +95,21 @@ def find_clock_jump(readings: Readings, reference: ReferencePoses, fit: RateFit)
     gain = np.cumsum((by_second - by_first)[inside][order])
     at = float(middle[inside][order][int(np.argmax(gain))])
     return ClockJump(at, float(x[2]) / (1.0 + before.skew), float(deviation[2]))
+
+
+def corrected(jump: ClockJump, fit: RateFit) -> ClockJump:
+    """Return a jump with the size that the shifts of parts still show where it was taken out, beside a straight line.
+
+    The first estimate has the parts of both clocks fitted by one, which takes a tenth of the jump for a ratio of the
+    clocks and for the scatter of the parts.
+    """
+    tau, shift, sd = drift_of(fit)
+    after = 1 + int(np.argmin(np.abs(tau - jump.tau))) if tau.size else 0
+    if not _MIN_PARTS <= after <= tau.size - _MIN_PARTS:
+        return jump
+    left, x, deviation = _with_step(tau, shift, sd, after)
+    more = float(x[2]) / (1.0 + fit.clock.skew)
+    return replace(jump, size=jump.size + more, size_sd=float(deviation[2] * np.sqrt(max(left, 1.0))))
 
 
 def drift_of(fit: RateFit) -> tuple[Array, Array, Array]:

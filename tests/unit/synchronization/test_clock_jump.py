@@ -55,13 +55,15 @@ def told(preparation: Preparation) -> list[str]:
 def test_a_jump_is_found_and_taken_out(size):
     found = prepared(lambda tau: np.where(tau > AT, size, 0.0))
     (text,) = told(found)
-    said = float(text.split("jumped by ")[1].split(" ")[0])
-    assert said == pytest.approx(-1e3 * size, abs=4.0)  # the stamps of the poses grew: the offset became less
+    said, sd = map(float, text.split("jumped by ")[1].split(" ms")[0].split(" ± "))
+    assert sd < 1.0
+    # the stamps of the poses grew: the offset became less
+    assert said == pytest.approx(-1e3 * size, abs=max(4.0 * sd, 0.3))
     at = float(text.split(" ms, ")[1].split(" s after")[0])
     assert at == pytest.approx(AT, abs=0.5)
     steady = prepare_recording(recorded(), CalibrationSettings()).rate_fit
-    assert found.rate_fit.clock.start == pytest.approx(steady.clock.start, abs=4e-3)
-    assert abs(found.rate_fit.clock.skew) < 1e-4
+    assert found.rate_fit.clock.start == pytest.approx(steady.clock.start, abs=1e-3)
+    assert abs(found.rate_fit.clock.skew) < 2e-5
     assert found.reference.doubtful.any()
     assert np.abs(found.reference.seconds[found.reference.doubtful] - AT).max() < 1.2
     assert (np.diff(found.reference.stamps_ns) > 0).all()
