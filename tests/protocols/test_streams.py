@@ -1,5 +1,6 @@
 """However bytes are cut, spoilt or invented: the same records, and no errors but ours."""
 
+import math
 import random
 from itertools import pairwise
 
@@ -222,3 +223,15 @@ def test_a_line_of_names_needs_no_sign_and_says_what_it_lacks():
     decoder = line.Decoder(line.Columns.parse("tag," + line.COLUMNS))
     (reading,) = decoder.receive(b"imu,12,1,2,3,0,0,9.8\n" * 2)[-1:]  # text in a column that is skipped
     assert reading.stamp_ns == 12
+
+
+def test_another_header_holds_from_there_on():
+    """A device that was switched to degrees says so; a comment about one reading says nothing."""
+    values = "1000000,1.0,0.0,0.0,0.0,0.0,9.8\n"
+    text = (
+        f"#{line.COLUMNS}\n{values}# w_x, corrected\n{values}#{line.COLUMNS.replace('rad s^-1', 'deg s^-1')}\n{values}"
+    )
+    rates = [sample.rate[0] for sample in line.Decoder().receive(text.encode())]
+    assert rates == pytest.approx([1.0, 1.0, math.radians(1.0)])
+    stated = line.Decoder(line.Columns.parse(line.COLUMNS))  # the user's columns hold
+    assert [sample.rate[0] for sample in stated.receive(text.encode())] == pytest.approx([1.0] * 3)

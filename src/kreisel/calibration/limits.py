@@ -179,7 +179,10 @@ def limits_named(text: str) -> Limits:
 
 
 def judged(parts: CalibrationParts, limits: Limits | None = None) -> list[QuantityDecision]:
-    """Return the sensors' errors with expanded uncertainties, each against its limit."""
+    """Return the sensors' errors with expanded uncertainties, each against its limit.
+
+    Of what is exactly known, because the user stated it, the data decide nothing.
+    """
     out = []
     for quantity in QUANTITIES:
         found = parts.derived.get(quantity.name)
@@ -189,7 +192,9 @@ def judged(parts: CalibrationParts, limits: Limits | None = None) -> list[Quanti
         limit = limits_of(limits, quantity)
         seen = not any(_concerns(quantity, name) for name in parts.verdict.unobservable)
         seen &= not any(group_named(group).owner in parts.verdict.not_usable for group in quantity.groups)
-        decisions = tuple(decided(x, u, most, seen=seen) for x, u, most in zip(found.value, U, limit, strict=True))
+        decisions = tuple(
+            decided(x, u, most, seen=seen and u > 0.0) for x, u, most in zip(found.value, U, limit, strict=True)
+        )
         out.append(QuantityDecision(quantity, found.value, U, limit, decisions, seen))
     return out
 

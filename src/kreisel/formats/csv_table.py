@@ -358,6 +358,8 @@ def parse_rows(body: bytes, columns: tuple[Column, ...], path: Path, line: int) 
     RecordingError
         For the first row that cannot be read.
     """
+    if b"#" in body:
+        _check_comments(body, columns, path, line)
     stamp_type = "i8" if time_unit(columns, path) == "ns" else "f8"
     dtype = np.dtype([("stamp", stamp_type)] + [(f"c{i}", "f8") for i in range(1, len(columns))])
     # a StringIO would keep four bytes a character and be read three times slower
@@ -368,6 +370,22 @@ def parse_rows(body: bytes, columns: tuple[Column, ...], path: Path, line: int) 
             return np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
     except ValueError as error:
         raise _bad_row(body.decode(), columns, stamp_type, path, error, line) from error
+
+
+def _check_comments(body: bytes, columns: tuple[Column, ...], path: Path, line: int) -> None:
+    """Raise an error for a comment that is a header, but not the first one: units may be others from there on."""
+    for number, text in enumerate(body.split(b"\n"), line):
+        if not text.lstrip().startswith(b"#") or text.count(b",") < len(columns) - 1:
+            continue
+        try:
+            other = parse_header(text.decode(), path)
+        except RecordingError:
+            continue
+        if other != columns and any(column.unit is not None for column in other):
+            said = text.decode().strip()[:60]
+            raise RecordingError(
+                f"another header ('{said}') than that of the first line; split the file there", file=path, line=number
+            )
 
 
 def _with_empty_cells(body: bytes, stamp_type: str) -> bytes:

@@ -92,7 +92,7 @@ class Decoder:
     """
 
     def __init__(self, columns: Columns | None = None) -> None:
-        self.columns = columns
+        self.columns, self._stated = columns, columns is not None
         self._names_error: ProtocolError | None = None
         self._buffer = bytearray()
         self._begun = False
@@ -122,7 +122,11 @@ class Decoder:
     def _line(self, line: bytearray) -> ImuSample | None:
         text = line.decode("ascii", "replace").strip()
         marked = text.startswith("#")
-        if self.columns is None and (marked or _NAMES.match(text)):  # a header, with or without its sign
+        names = bool(marked or _NAMES.match(text))  # a header, with or without its sign
+        if names and self.columns is None:
+            self._take_names(text)
+        elif names and not self._stated and _names_all(text):  # another one: it holds from here on
+            self.columns = None
             self._take_names(text)
         elif text and not marked:
             return self._numbers(text)
@@ -147,6 +151,11 @@ class Decoder:
                 f"'?columns={COLUMNS}'"
             )  # fmt: skip
         return decode(text, self.columns)
+
+
+def _names_all(text: str) -> bool:
+    """Return whether a line names all six readings, as a header does, and no comment."""
+    return len({name.lower() for name in _OF_AN_IMU.findall(text)}) == len(_UNITS) * 3
 
 
 def without_checksum(text: str) -> str:

@@ -124,6 +124,17 @@ def test_rows_without_a_number_are_left_out_and_counted(tmp_path, cell):
     assert everything(raw.read_bytes()).count(b"\n") == N
 
 
+def test_a_second_header_holds_only_where_it_is_the_first_one_again():
+    """It is a comment otherwise, and degrees after it were read as radians."""
+    first, *rows = table().split(b"\n")
+    again = b"\n".join([first, *rows[:50], first, *rows[50:]])
+    assert everything(again) == everything(table())
+    others = again.replace(b"\n" + first, b"\n" + first.replace(b"rad s^-1", b"deg s^-1"))
+    for cuts in ([], [100, 900]):
+        with pytest.raises(RecordingError, match="line 52: another header .* than that of the first line"):
+            everything(others, cuts)
+
+
 def test_a_cut_last_line_is_left_out_and_told(tmp_path):
     raw = tmp_path / "raw.csv"
     raw.write_bytes(table()[:-30])

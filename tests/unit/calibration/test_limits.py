@@ -35,6 +35,13 @@ def test_what_is_not_observable_is_not_decided():
     assert set(found([0.0, 0.0, 0.0], 10.0, ("gyroscope.offset[1]",))) == {Decision.CONFORMS}
 
 
+def test_what_the_user_stated_is_not_decided():
+    """It has no deviation: any limit would be kept, whatever the data say."""
+    derived = {"accel_bias_mg": Measured(np.zeros(3), np.array([0.0, 0.5, 0.0]))}
+    (one,) = judged(replace(calibration(), derived=derived), Limits({"accel_bias_mg": (10.0,) * 3}))
+    assert one.decisions == (Decision.UNDECIDED, Decision.CONFORMS, Decision.UNDECIDED)
+
+
 def test_all_three_together():
     own = replace(calibration(), derived={"accel_bias_mg": Measured(np.array([0.0, 9.5, 20.0]), np.full(3, 0.5))})
     (one,) = judged(own, Limits({"accel_bias_mg": (10.0,) * 3}))
