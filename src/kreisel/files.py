@@ -76,6 +76,32 @@ def open_fresh(path: Path, mode: int = 0o666) -> BinaryIO:
     return open(path, "xb", opener=lambda name, flags: os.open(name, flags, mode))  # exclusive: no link is followed
 
 
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8, and its folder; a file of this name is replaced once all of it is written.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; it names the file. An old one is kept.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    path = path.resolve() if path.is_symlink() else path
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder, where a file is to be written", str(path))
+    if path.exists() and not path.is_file():  # a pipe or a device
+        path.write_bytes(data)
+        return
+    partial = path.with_name(f"{path.name}.partial")
+    try:
+        with open_fresh(partial) as file:
+            file.write(data)
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
 def open_lock(path: Path) -> BinaryIO:
     """Return a file to be locked, made if it does not exist; a link is not followed.
 

@@ -13,7 +13,7 @@ from kreisel.calibration.result import RESULT_FILES, Calibration
 from kreisel.calibration.result_document import from_document
 from kreisel.cli.output import check_output
 from kreisel.errors import SettingsError
-from kreisel.files import finish_replacing, open_fresh, open_lock, read_bytes, read_toml, replaced_together
+from kreisel.files import finish_replacing, open_fresh, open_lock, read_bytes, read_toml, replaced_together, write_whole
 
 NAMES = ("a.yaml", "b.html", "c.urdf")
 WRITE = """
@@ -195,3 +195,20 @@ def test_toml_is_read_with_a_byte_order_mark_and_any_ends_of_lines(tmp_path):
     file = tmp_path / "own.toml"
     file.write_bytes(b"\xef\xbb\xbfa = 1\r\n[b]\rc = 'd'\n")
     assert read_toml(file, "", SettingsError) == {"a": 1, "b": {"c": "d"}}
+
+
+def test_a_file_is_replaced_once_all_of_it_is_written(tmp_path, monkeypatch):
+    out = tmp_path / "new" / "x.json"
+    write_whole(out, "first\n")
+    assert out.read_bytes() == b"first\n"
+
+    def fail(self, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OSError, match="x.json"):
+        write_whole(out, b"second")
+    assert [p.name for p in out.parent.iterdir()] == ["x.json"]
+    assert out.read_bytes() == b"first\n"
+    with pytest.raises(IsADirectoryError):
+        write_whole(tmp_path / "new", "x")

@@ -177,6 +177,12 @@ class Tail:
             size, identity = found.st_size, (found.st_dev, found.st_ino)
             if self._identity not in (None, identity):
                 raise RecordingError("was replaced by another file while it was read; begin again", file=self.file)
+            if size < self._offset:
+                raise RecordingError(
+                    f"became shorter while it was read ({size} bytes, {self._offset} were read): it was cut, or "
+                    "written anew; begin again",
+                    file=self.file,
+                )
             self._identity = identity
             with self.file.open("rb") as stream:
                 if self._offset == 0:

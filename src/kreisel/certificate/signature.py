@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from kreisel.errors import LibraryError, RecordingError
-from kreisel.files import open_fresh
+from kreisel.files import open_fresh, write_whole
 
 SUFFIX = ".minisig"
 
@@ -24,7 +24,7 @@ def sign(path: Path, secret: Any, comment: str) -> Path:
     """
     signature = secret.sign(path.read_bytes(), trusted_comment=" ".join(comment.split()))
     out = path.with_name(path.name + SUFFIX)
-    out.write_bytes(bytes(signature))
+    write_whole(out, bytes(signature))
     return out
 
 

@@ -95,8 +95,9 @@ def _show_moving(recording: Path, found: MotionNoise, output: Path | None, *, js
 def _write(document: dict[str, Any], output: Path) -> None:
     import json as json_module
 
-    output.mkdir(parents=True, exist_ok=True)
-    (output / "allan.json").write_text(json_module.dumps(document, indent=1) + "\n", encoding="utf-8")
+    from kreisel.files import write_whole
+
+    write_whole(output / "allan.json", json_module.dumps(document, indent=1) + "\n")
 
 
 def _show(

@@ -59,6 +59,7 @@ def batch(
     from kreisel.calibration.limits import limits_named
     from kreisel.cli.output import alone_in, check_output
     from kreisel.errors import SettingsError
+    from kreisel.files import write_whole
     from kreisel.formats.folder import is_folder
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.model.stated_parameters import parse_fixed
@@ -85,7 +86,7 @@ def batch(
         with _progress(total, done) as show:
             runs = calibrate_all(work, store, distribute, show)
     units = units_of(runs, known)
-    (output / "table.csv").write_text(table(units), encoding="utf-8")
+    write_whole(output / "table.csv", table(units))
     if xlsx:
         write_workbook(units, known, output / "table.xlsx")
     pages = pages_of(runs, reports=reports)

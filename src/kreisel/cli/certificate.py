@@ -44,6 +44,7 @@ def certificate(
     from kreisel.cli.conformity import sentence, status_of
     from kreisel.cli.foreign_warnings import kept_from_standard_error
     from kreisel.errors import RecordingError, SettingsError
+    from kreisel.files import write_whole
 
     if output.suffix.lower() not in (".pdf", ".html"):
         raise SettingsError(f"-o {output}: expected a name that ends in .pdf or .html")
@@ -62,8 +63,7 @@ def certificate(
     page = html(made)
     with kept_from_standard_error():
         content = page.encode() if output.suffix.lower() == ".html" else pdf(page)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_bytes(content)
+    write_whole(output, content)
     typer.echo(f"written: {output}")
     if secret is not None:
         stated = statement_of(output.name, today.isoformat(), made.serial_number, found, digest)

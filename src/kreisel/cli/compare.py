@@ -59,11 +59,12 @@ def compare(
             for name, found in over_recordings(compared).items()
         }
     if output is not None:
+        from kreisel.files import write_whole
         from kreisel.report.comparison_page import write_comparison
 
         output.mkdir(parents=True, exist_ok=True)
         write_comparison(compared, runs, output / "comparison.html")
-        (output / "comparison.json").write_text(json_module.dumps(document, indent=1) + "\n", encoding="utf-8")
+        write_whole(output / "comparison.json", json_module.dumps(document, indent=1) + "\n")
     if json:
         typer.echo(json_module.dumps(document))
         return

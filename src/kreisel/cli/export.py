@@ -166,14 +166,14 @@ def _written(texts: Mapping[str, str], output: Path, *, force: bool) -> list[Pat
         If one exists, unless `force` is set.
     """
     from kreisel.errors import RecordingError
+    from kreisel.files import write_whole
 
     files = {output.with_name(f"{output.stem}{part}{output.suffix}"): text for part, text in texts.items()}
     for path in files:
         if path.exists() and not force:
             raise RecordingError("exists already; delete it, give another name, or --force", file=path)
     for path, text in files.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8", newline="\n")
+        write_whole(path, text)
     return list(files)
 
 

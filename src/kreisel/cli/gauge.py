@@ -56,11 +56,11 @@ def gauge(
         f"{len({run.device for run in runs})} units, {len(runs)} calibrations; {by}: {', '.join(names) or 'not stated'}"
     )
     if output is not None:
+        from kreisel.files import write_whole
         from kreisel.report.template import fill
 
         shown = {"title": "Gauge study", "lead": lead, "table_of_groups": gauge_table(found), "figures": []}
-        output.parent.mkdir(parents=True, exist_ok=True)
-        output.write_text(fill("study.html", [], facts=gauge_facts(found), **shown), encoding="utf-8")
+        write_whole(output, fill("study.html", [], facts=gauge_facts(found), **shown))
     if json:
         typer.echo(json_module.dumps({"runs": len(runs), "by": by, "appraisers": names, "figures": _document(found)}))
         return

@@ -67,11 +67,12 @@ def repeat(
     facts = _facts(found, left_out, [name for name, one in accepted.items() if one.budget is None])
     document = _document(found, runs, left_out)
     if output is not None:
+        from kreisel.files import write_whole
         from kreisel.report.repeatability_page import write_repeatability
 
         output.mkdir(parents=True, exist_ok=True)
         write_repeatability(found, runs, facts, output / "repeatability.html")
-        (output / "repeatability.json").write_text(json_module.dumps(document, indent=1) + "\n", encoding="utf-8")
+        write_whole(output / "repeatability.json", json_module.dumps(document, indent=1) + "\n")
     if json:
         typer.echo(json_module.dumps(document))
         return

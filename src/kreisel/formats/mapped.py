@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -44,11 +44,12 @@ _FEWEST, _APART = 10, 5.0
 
 @dataclass(frozen=True)
 class _Tables:
-    """Tables of a recording, each read once."""
+    """Tables of a recording, each read once; some may have been read before and not be used."""
 
     folder: Path
     usual: Path | None
     read: dict[Path, Sheet]
+    used: set[Path] = field(default_factory=set)
 
     @classmethod
     def of_recording(cls, path: Path, read: dict[Path, Sheet]) -> _Tables:
@@ -66,7 +67,15 @@ class _Tables:
             )
         if path not in self.read:
             self.read[path] = read_sheet(path)
+        self.used.add(path)
         return self.read[path]
+
+    @property
+    def cut(self) -> list[DataWarning]:
+        """Warnings about last lines that were left out."""
+        text = "the last line has no end ('{}'): it may be cut and was left out"
+        lines = {path.name: self.read[path].cut.strip() for path in sorted(self.used)}
+        return [DataWarning(name, text.format(line[-40:])) for name, line in lines.items() if line]
 
 
 def tables_in(path: Path) -> list[Path]:
@@ -110,6 +119,7 @@ def load_mapped(
     columns, samples = _of_one(tables, columns, name, warnings)
     reference = _reference(tables, columns, warnings)
     joints = _joints(tables, columns)
+    warnings += tables.cut
     settings = settings.of_imu(name).model_copy(update={"columns": None})
     urdf = description_beside(folder, settings)
     return Recording(path, samples, reference, joints, settings, tuple(warnings), urdf=urdf)
@@ -127,7 +137,8 @@ def reader_of_imus(path: Path) -> Callable[[str], tuple[ImuSamples, tuple[DataWa
 
     def read(name: str) -> tuple[ImuSamples, tuple[DataWarning, ...]]:
         warnings: list[DataWarning] = []
-        return _of_one(tables, columns, name, warnings)[1], tuple(warnings)
+        samples = _of_one(tables, columns, name, warnings)[1]
+        return samples, (*warnings, *tables.cut)
 
     return read
 

@@ -53,7 +53,8 @@ class Sheet:
     """A table: names, units (None where none is stated) and columns, each (n,) of numbers or of text.
 
     Numbers that are missing are NaN. Columns without a name are called #1, #2, … `lengths` are those of separate
-    arrays, before they were filled up to the longest. `scalars` are single numbers beside them, by name.
+    arrays, before they were filled up to the longest. `scalars` are single numbers beside them, by name. `cut` is a
+    last line without an end, which was left out.
     """
 
     source: Path
@@ -62,6 +63,7 @@ class Sheet:
     columns: tuple[NDArray[Any], ...]
     lengths: tuple[int, ...] = ()
     scalars: tuple[tuple[str, float], ...] = ()
+    cut: str = ""
 
     def check_lengths(self, names: Iterable[str]) -> None:
         """Check that arrays that belong together have as many values; shorter ones were filled up at their end.
@@ -359,14 +361,14 @@ def _from_text(path: Path, text: str) -> Sheet:
     above = without_preamble(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
     lines = above.lines
     head = _head(lines, path)
-    body = lines[head.first :]
+    body, cut = lines[head.first :], ""
     if not text.endswith(("\n", "\r")) and len(body) > 2:
-        body = body[:-1]  # it may be cut, as after a recorder was stopped
+        *body, cut = body  # as after a recorder was stopped
     names = head.names or [""] * head.count
     split = [split_unit(name.strip().lstrip("#").strip().strip("\"'")) for name in names]
     units = [own or under for (_, own), under in zip(split, head.units or [None] * head.count, strict=True)]
     called = tuple(name or f"#{k + 1}" for k, (name, _) in enumerate(split))
-    return Sheet(path, called, tuple(units), tuple(_columns(body, head, path)), scalars=above.scalars)
+    return Sheet(path, called, tuple(units), tuple(_columns(body, head, path)), scalars=above.scalars, cut=cut)
 
 
 @dataclass(frozen=True)

@@ -58,3 +58,14 @@ def test_a_file_that_is_replaced_is_not_read_on(tmp_path):
     (tmp_path / "b.mcap").replace(tmp_path / "a.mcap")
     with pytest.raises(RecordingError, match=r"a\.mcap: was replaced by another file while it was read; begin again"):
         tail.read()
+
+
+def test_a_file_that_becomes_shorter_is_not_read_on(tmp_path):
+    """As where it is written anew in place: reading on would wait for ever."""
+    file = tmp_path / "a.mcap"
+    file.write_bytes(b"\x89MCAP0\r\n")
+    tail = Tail(file)
+    assert tail.read() == {}
+    file.write_bytes(b"\x89MCA")
+    with pytest.raises(RecordingError, match=r"a\.mcap: became shorter while it was read \(4 bytes, 8 were read\)"):
+        tail.read()
