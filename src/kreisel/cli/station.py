@@ -82,7 +82,9 @@ def station(
     check_output(output)
     output.mkdir(parents=True, exist_ok=True)
     with alone_in(output, "station"), Store(output / "results.db") as store, closing(listening(host, port)) as listener:
-        app, token = station_app(Station(line, store), host)
+        station = Station(line, store)
+        station.announce()
+        app, token = station_app(station, host)
         typer.echo(address_of(listener, host, token))
         server_of(app).run(sockets=[listener])
 

@@ -71,7 +71,19 @@ class Station:
         self._today: dict[str, str] = {}
         self._message: dict[str, Any] = {}
         self._sent: dict[str, Any] = {}
+        self._recent: list[Mapping[str, Any]] = []
+        self._due = ""
         self._workers = _workers()
+
+    def announce(self) -> None:
+        """Note that the station begins.
+
+        Raises
+        ------
+        RecordingError
+            If the file of results cannot be written.
+        """
+        self._note(f"station started, kreisel {__version__}")
 
     # what the page asks for
 
@@ -114,6 +126,7 @@ class Station:
         attempt = self._attempt(number)
         self._change(replace(attempt, printed=attempt.printed + 1))
         self._note(f"certificate of attempt {number}, unit {attempt.unit}, printed")
+        self._reload()
         self.refresh()
 
     def certificate(self, number: int) -> Path:
@@ -148,9 +161,15 @@ class Station:
     # messages to the page; see `dashboard.app.Source`
 
     def refresh(self) -> None:
-        """Make the message of what is so now."""
+        """Make the message of what is so now.
+
+        While an attempt records, the file of results is not read: another program may hold it for a minute, and
+        nothing would be received as long.
+        """
         golden = self.line.golden
-        due = self.golden_due()
+        if self._current is None or self._current.state != RECORDING:
+            self._reload()
+        due = self._due
         self._message = {
             "kind": "station",
             "station": self.line.name,
@@ -159,7 +178,7 @@ class Station:
             "seconds": self.line.seconds,
             "progress": self._progress,
             "last": None if self._last is None else {**_plain(self._last), **self._files(self._last)},
-            "recent": [_plain(one) for one in self._store.recent(_RECENT)],
+            "recent": self._recent,
             "units": len(self._today),
             "good": sum(outcome in GOOD for outcome in self._today.values()),
             "golden": "" if golden is None else due or f"station checked with unit {golden.serial}",
@@ -167,6 +186,9 @@ class Station:
             "limits": "" if self.line.limits is None else self.line.limits.grade or self.line.limits.file,
             "software": f"kreisel {__version__}",
         }
+
+    def _reload(self) -> None:
+        self._recent, self._due = [_plain(one) for one in self._store.recent(_RECENT)], self.golden_due()
 
     def news(self) -> list[dict[str, Any]]:
         """Return the message if it is a new one."""
@@ -187,7 +209,6 @@ class Station:
     @asynccontextmanager
     async def at_work(self) -> AsyncIterator[None]:
         """Take up what an earlier station left, and end what is at work when it ends."""
-        self._note(f"station started, kreisel {__version__}")
         self._take_up()
         looking = asyncio.ensure_future(self._look_again())
         try:
@@ -230,6 +251,7 @@ class Station:
         self._current, self._why, self._progress = attempt, "", {}
         self._stop.clear()
         self._note(f"attempt {attempt.id}, {attempt.kind} {attempt.unit}: {attempt.state}")
+        self._reload()
         self._task = asyncio.ensure_future(self._guarded(attempt, work))
         self.refresh()
 
