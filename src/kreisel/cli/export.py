@@ -107,7 +107,7 @@ def export(
     typer.echo(f"axes {chosen.axes}: {AXES[chosen.axes]}")
     if chosen.verdict.unobservable:
         typer.echo(f"· not observable, do not rely on: {', '.join(chosen.verdict.unobservable)}")
-    _say(done.lost, (*done.notes, *_doubts(request)), files, target.what)
+    _say(done.lost, (*request.caveats, *done.notes, *(_doubts(request) if target.noise else [])), files, target.what)
 
 
 def _export_array(array: ArrayResult, to: str, output: Path, given: _Given, *, force: bool) -> None:
@@ -134,7 +134,7 @@ def _export_array(array: ArrayResult, to: str, output: Path, given: _Given, *, f
         units.append(PlacedUnit(unit, request))
         if own.verdict.unobservable:
             notes.append(f"{unit.name}: not observable, do not rely on: {', '.join(own.verdict.unobservable)}")
-        notes += [f"{unit.name}: {text}" for text in (_doubts(request) if target.noise else [])]
+        notes += [f"{unit.name}: {text}" for text in (*request.caveats, *(_doubts(request) if target.noise else []))]
     if len(units) < 2:
         raise RecordingError(f"no unit is left beside {array.reference.name}: {in_words(left_out)}", file=array.folder)
     done = target.export(ArrayRequest(array.folder.resolve().name, tuple(units), left_out))
@@ -187,16 +187,11 @@ def _say(lost: Sequence[str], notes: Sequence[str], files: Sequence[Path], what:
 
 
 def _doubts(request: ExportRequest) -> list[str]:
-    """Return what to know of readings, and what is odd about noise figures: far below what the filter had to assume."""
+    """Return what is odd about noise figures: far below what the filter had to assume."""
     from kreisel.exchange.exported_noise import NAMES
 
-    estimator, counts = request.calibration.estimator, request.calibration.counts
-    out = []
-    if counts is not None:
-        out.append(
-            f"the parameters are for rad/s and m/s^2: of raw counts take first (count - {counts.rate_zero.tolist()}) * "
-            f"{counts.rate:g}, and (count - {counts.acceleration_zero.tolist()}) * {counts.acceleration:g}"
-        )
+    estimator = request.calibration.estimator
+    out: list[str] = []
     if estimator is None:
         return out
     for name in ("gyro_density", "accel_density"):

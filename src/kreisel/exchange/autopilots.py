@@ -88,7 +88,7 @@ def export_px4(request: ExportRequest) -> Exported:
         "this file leaves these as they are.",
         "Some versions ignore changes of offset or scale whose norm is below 0.01: compare after loading.",
     )
-    return _exported(full, held, notes, "#", lambda name, x: f"1\t1\t{name}\t{x:.9g}\t{_FLOAT}", values,
+    return _exported(request, held, notes, "#", lambda name, x: f"1\t1\t{name}\t{x:.9g}\t{_FLOAT}", values,
                      ("Onboard parameters for Vehicle 1", "", "Vehicle-Id Component-Id Name Value Type"))  # fmt: skip
 
 
@@ -117,12 +117,12 @@ def export_ardupilot(request: ExportRequest) -> Exported:
         "ArduPilot finds the gyros' offsets anew at every start unless INS_GYR_CAL is 0.",
         f"The accelerometers count as calibrated only if {accel}_ID is that of the sensor.",
     )
-    return _exported(full, held, notes, "#", lambda name, x: f"{name},{x:.9g}", values, ())
+    return _exported(request, held, notes, "#", lambda name, x: f"{name},{x:.9g}", values, ())
 
 
-def _exported(full, held, notes, mark, line, values: Mapping[str, float], head) -> Exported:  # type: ignore[no-untyped-def]
-    lost = losses(full, held)
-    comments = [*head, *notes, *(f"Not held: {text}" for text in lost)]
+def _exported(request, held, notes, mark, line, values: Mapping[str, float], head) -> Exported:  # type: ignore[no-untyped-def]
+    lost = losses(request.calibration.sensors, held)
+    comments = [*head, *request.caveats, *notes, *(f"Not held: {text}" for text in lost)]
     lines = [*(f"{mark} {text}".rstrip() for text in comments), *(line(n, float(x)) for n, x in values.items())]
     return Exported({"": "\n".join(lines) + "\n"}, held, lost, notes)
 

@@ -36,6 +36,22 @@ class ExportRequest:
     topic: str = "/imu/data_raw"
     instance: int = 0
 
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """What whoever uses a file must know, whatever its format: written into each that has comments."""
+        verdict, counts = self.calibration.verdict, self.calibration.counts
+        out = []
+        if not verdict.accepted:
+            out.append(f"REJECTED, do not use: {'; '.join(verdict.reasons) or 'no reason is in the file'}")
+        if counts is not None:
+            zeros = (", ".join(f"{x:.9g}" for x in zero) for zero in (counts.rate_zero, counts.acceleration_zero))
+            rate_zero, acceleration_zero = zeros
+            out.append(
+                f"Of counts, first: rates (count - [{rate_zero}]) * {counts.rate:.9g} rad/s, accelerations "
+                f"(count - [{acceleration_zero}]) * {counts.acceleration:.9g} m/s^2"
+            )
+        return tuple(out)
+
 
 @dataclass(frozen=True)
 class Exported:

@@ -54,7 +54,7 @@ def export(request: ExportRequest) -> Exported:
         T_i_b[:3, :3], T_i_b[:3, 3] = own.C_ib, -own.C_ib @ own.origin
         time_offset = -calibration.timing.offset
     lost = losses_of(own)
-    head = _comments(calibration, own.model, request.noise.sources, lost)
+    head = _comments(request, own.model, lost)
     return Exported({"": head + dumped({"imu0": imu_entry(request, own.model, T_i_b, time_offset)})}, own.held, lost)
 
 
@@ -107,7 +107,8 @@ def bias_text(model: KalibrModel) -> str:
     return f"gyroscope [{gyro}] rad/s, accelerometer [{accel}] m/s^2"
 
 
-def _comments(calibration: Calibration, model: KalibrModel, sources: dict[str, str], lost: tuple[str, ...]) -> str:
+def _comments(request: ExportRequest, model: KalibrModel, lost: tuple[str, ...]) -> str:
+    calibration = request.calibration
     frames = (
         [
             "T_i_b: from b, the body whose pose the reference gave, to i: p_i = T_i_b p_b. (Kalibr's own b is imu0.)",
@@ -126,7 +127,8 @@ def _comments(calibration: Calibration, model: KalibrModel, sources: dict[str, s
         FORMULA,
         f"does not hold: {bias_text(model)}.",
         *frames,
-        *(f"{name}: {source}" for name, source in sources.items()),
+        *request.caveats,
+        *(f"{name}: {source}" for name, source in request.noise.sources.items()),
         *(f"Not held: {text}" for text in lost),
     ]
     return "".join(f"# {line}\n" for line in lines)

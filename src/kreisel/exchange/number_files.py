@@ -55,7 +55,7 @@ def export_ros(request: ExportRequest) -> Exported:
         "imu_calib corrects accelerometers: corrected = SM raw - bias. It finds the gyros' offsets when it starts.",
         "For all of it, `kreisel apply` writes corrected bags; sensor_msgs/Imu has +g upward at rest, as here.",
     )
-    lines = [f"# {text}" for text in (*notes, *(f"Not held: {text}" for text in lost))]
+    lines = [f"# {text}" for text in (*request.caveats, *notes, *(f"Not held: {text}" for text in lost))]
     lines += ["SM:", *(f"  - {float(x)!r}" for x in full.K_a.ravel()), "bias:", *(f"  - {float(x)!r}" for x in bias)]
     return Exported({"": "\n".join(lines) + "\n"}, held, lost, notes)
 

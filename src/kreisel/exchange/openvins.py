@@ -79,6 +79,7 @@ def _comments(request: ExportRequest, model: KalibrModel, lost: tuple[str, ...])
         "By kreisel. Tw, Ta: true to measured. Frame i: x along the sensitive axis of accelerometer x, y in the plane",
         "of those of x and y; origin at accelerometer x. Tg multiplies the specific force in i.",
         f"Biases, which OpenVINS estimates itself: gyroscope [{biases[0]}] rad/s, accelerometer [{biases[1]}] m/s^2.",
+        *request.caveats,
         *(f"{name}: {source}" for name, source in request.noise.sources.items()),
         *(f"Not held: {text}" for text in lost),
     ]

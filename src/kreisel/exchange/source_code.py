@@ -20,10 +20,13 @@ from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
 from kreisel.inertial.slopes import LONGEST_GAP, REACH
 
 _RESERVED = frozenset({
+    "column", "cross", "derivatives", "index", "inv", "max", "min", "numel", "pinv", "real", "repmat", "size", "slope",
+    "sum", "temperature", "weighted", "zeros",
     "break", "case", "catch", "classdef", "continue", "do", "else", "elseif", "end", "for", "function", "global", "if",
     "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "until", "while",
 })  # fmt: skip
-"""Words of MATLAB and Octave; in the other languages the name is the beginning of others only."""
+"""Names in the function for MATLAB and Octave, and words of these; in the other languages the name is the beginning of
+others only."""
 
 
 def _plain(x: float) -> str:
@@ -147,7 +150,8 @@ def _by_axis(request: ExportRequest, language: AxisLanguage) -> dict[str, Any]:
 
 def _notes(request: ExportRequest) -> list[str]:
     facts, lost = request.calibration.recording, request.calibration.verdict.unobservable
-    notes = [] if facts is None or facts.digest is None else [f"Data: SHA-256 {facts.digest}."]
+    notes = list(request.caveats)
+    notes += [] if facts is None or facts.digest is None else [f"Data: SHA-256 {facts.digest}."]
     return notes + ([f"Not observable, do not rely on: {', '.join(lost)}."] if lost else [])
 
 
