@@ -133,10 +133,11 @@ def read_table(path: Path, what: str) -> Table:
             header = head.decode()
             if not header.strip():
                 break
-            columns, comma = parse_header(header, path), header.rstrip().endswith(",")
+            columns = parse_header(header, path)
+            comma = has_last_comma(header, body.partition(b"\n")[0].decode(), len(columns))
             line += 1
         if comma:
-            body = re.sub(rb",[ \t]*$", b"", body, flags=re.MULTILINE)
+            body = LAST_COMMA.sub(b"", body)
         if body.strip():
             lines = _line_ends(body) + 1
             if rows is None:
@@ -151,6 +152,16 @@ def read_table(path: Path, what: str) -> Table:
     unit = time_unit(columns, path)
     stamps = rows.stamps[: rows.count] if rows.whole else stamps_in_nanoseconds(values[:, 0], unit, path)
     return Table(path, columns, stamps, values, tuple(warnings))
+
+
+LAST_COMMA = re.compile(rb",[ \t]*$", re.MULTILINE)
+"""At the end of a line."""
+
+
+def has_last_comma(header: str, row: str, columns: int) -> bool:
+    """Return whether a comma stands after the last cell of rows, by the header or by the first of them."""
+    own = row.rstrip()
+    return header.rstrip().endswith(",") or (own.endswith(",") and own.count(",") == columns)
 
 
 class _Rows:

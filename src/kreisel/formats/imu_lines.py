@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.formats.csv_table import Column, Table, parse_header, parse_rows, stamps_in_nanoseconds, time_unit
+from kreisel.formats.csv_table import (
+    LAST_COMMA,
+    Column,
+    Table,
+    has_last_comma,
+    parse_header,
+    parse_rows,
+    stamps_in_nanoseconds,
+    time_unit,
+)
 from kreisel.formats.folder import imu_columns, temperature_of
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, Stamps
@@ -63,6 +72,8 @@ class ImuLines:
     def __init__(self, source: Path, *, packets: bool = False) -> None:
         self._source, self._packets = source, packets
         self._columns: tuple[Column, ...] = ()
+        self._head = ""
+        self._comma: bool | None = None
         self._left = b""
         self._line = 1
         self._last: int | None = None
@@ -133,6 +144,11 @@ class ImuLines:
             head, _, lines = lines.partition("\n")
             begin += 1
             self._read_header(head)
+        if self._comma is None and lines.strip():
+            first = next(line for line in lines.split("\n") if line.strip())
+            self._comma = has_last_comma(self._head, first, len(self._columns))
+        if self._comma:
+            lines = LAST_COMMA.sub(b"", lines.encode()).decode()
         numbered = [(begin + i, line) for i, line in enumerate(lines.split("\n"))]
         rows = [(number, plain) for number, line in numbered if (plain := line.partition("#")[0]).strip()]
         if not rows:
@@ -175,7 +191,8 @@ class ImuLines:
         for group, quantity in zip(imu_columns(empty), ("rate", "acceleration"), strict=True):
             empty.take(group, quantity)
         time_unit(columns, self._source)
-        cells = head.strip().split(",")
+        self._head = head
+        cells = head.strip().rstrip(",").split(",")
         self._columns, self.header = columns, (cells[0], "".join(f",{cell}" for cell in cells[7:]))
 
     def _check_ascending(self, stamps: Stamps, numbers: list[int]) -> None:

@@ -135,6 +135,18 @@ def test_a_second_header_holds_only_where_it_is_the_first_one_again():
             everything(others, cuts)
 
 
+@pytest.mark.parametrize("header", [b"", b","])
+def test_a_comma_after_the_last_cell_is_no_cell(tmp_path, header):
+    first, *rows = table().strip().split(b"\n")
+    data = b"\n".join([first + header, *(row + b"," for row in rows), b""])
+    for cuts in ([], [60, 900]):
+        assert everything(data, cuts) == everything(table())
+    raw = tmp_path / "raw.csv"
+    raw.write_bytes(data)
+    assert apply_to_file(TOOL, raw, tmp_path / "out.csv").samples == N
+    assert (tmp_path / "out.csv").read_bytes() == everything(table())
+
+
 def test_a_cut_last_line_is_left_out_and_told(tmp_path):
     raw = tmp_path / "raw.csv"
     raw.write_bytes(table()[:-30])
