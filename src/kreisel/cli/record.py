@@ -195,13 +195,14 @@ def _show() -> Callable[[Status], None]:
 
 
 def recover(
-    file: Path = typer.Argument(..., help="An .mcap file that was cut or damaged."),
+    file: Path = typer.Argument(..., help="An .mcap file that was cut or damaged, or the folder it is in."),
     output: Path | None = typer.Option(None, "-o", "--output", help="The copy; FILE_recovered.mcap by default."),
 ) -> None:
     """Write a readable copy of a damaged recording next to it, and print what was lost."""
+    from kreisel.formats.mcap import RECORDED
     from kreisel.formats.recover import recover as recover_file
 
-    found = recover_file(file, output)
+    found = recover_file(file / RECORDED if file.is_dir() else file, output)
     counts = ", ".join(f"{count} on {topic}" for topic, count in sorted(found.messages.items()))
     typer.echo(f"{found.path}: {found.seconds:.1f} s, {counts or 'no messages'}")
     typer.echo(f"lost: {found.lost}" if found.lost else "nothing was lost: the file is whole")

@@ -343,7 +343,7 @@ class McapScan:
                     return
                 self._try(offset, opcode, content)
         except BrokenRecordError as broken:
-            self._lost.append(cut_text(broken, size))
+            self._lost.append(f"{cut_text(broken, size)}, unless `kreisel recover` finds more in them")
         else:
             self._lost.append(NO_FOOTER)
 
