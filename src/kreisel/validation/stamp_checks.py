@@ -28,6 +28,9 @@ _IN_ORDER = 0.8
 order. Chosen: of two recordings with packets that overlap they were 0.41 and 0.54, of the same with rows displaced 1.8
 and more; at rest both are the same."""
 
+_FEW = 3
+"""Steps back up to which somebody set a clock."""
+
 _BITS, _NEAR = 32, 10.0
 """Of counters that overflow; and usual steps by which the step back may differ from all that such a counter counts."""
 
@@ -89,7 +92,7 @@ def check_stamps(stream: Rows, what: str) -> None:
         raise fault(
             source,
             f"stamps run backwards by {-steps[k] * 1e-9:.6g} s here{and_more(back.size - 1, 'places')}; "
-            + (_overflow(steps, k) or _packets_overlap(stream) or _sort(source)),
+            + (_overflow(steps, k) or _in_their_order(stream, back.size) or _sort(source)),
             stream.row_of(k + 1),
         )
     same = np.flatnonzero(steps == 0)
@@ -290,10 +293,12 @@ def _sort(source: Path) -> str:
     return f"sort the {rows(source)}, or split the recording where the clock was reset"
 
 
-def _packets_overlap(stream: Rows) -> str:
+def _in_their_order(stream: Rows, places: int) -> str:
     """Return what is said of readings that are in their order, though their stamps are not; empty for others.
 
     Where rows were displaced, neighbours differ by more than once they are sorted.
+
+    places: number of steps back.
     """
     if not isinstance(stream, ImuSamples):
         return ""
@@ -304,10 +309,10 @@ def _packets_overlap(stream: Rows) -> str:
     )
     if as_they_are >= _IN_ORDER * in_order:
         return ""
-    return (
-        f"the readings show that the {rows(stream.source)} are in their order, so do not sort: stamps of packets "
-        "overlap, as those of arrival do. Write the device's own stamps, or even ones"
-    )
+    said = f"the readings show that the {rows(stream.source)} are in their order, so do not sort"
+    if places <= _FEW:
+        return f"{said}: split the recording where the clock was reset"
+    return f"{said}: stamps of packets overlap, as those of arrival do. Write the device's own stamps, or even ones"
 
 
 def _overflow(steps: Stamps, k: int) -> str:
