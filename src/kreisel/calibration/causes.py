@@ -30,7 +30,11 @@ from kreisel.validation.stamp_checks import runs
 
 _WALKS = {
     "gyro_offset": ("gyro offset walks", "the gyro offsets change during the recording"),
-    "accel_offset": ("accel offset walks", "the accelerometer offsets change during the recording"),
+    "accel_offset": (
+        "accel offset walks",
+        "the accelerometer offsets change during the recording, or there are accelerations that the poses do not show (a "
+        "base that moves, steps between samples)",
+    ),
     "time_offset": ("clock walk", "the clocks' offset changes during the recording"),
 }
 
