@@ -32,8 +32,8 @@ _WALKS = {
     "gyro_offset": ("gyro offset walks", "the gyro offsets change during the recording"),
     "accel_offset": (
         "accel offset walks",
-        "the accelerometer offsets change during the recording, or there are accelerations that the poses do not show (a "
-        "base that moves, steps between samples)",
+        "the accelerometer offsets change during the recording, or there are accelerations that the poses do not show "
+        "(a base that moves, steps between samples)",
     ),
     "time_offset": ("clock walk", "the clocks' offset changes during the recording"),
 }
