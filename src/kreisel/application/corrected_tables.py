@@ -135,7 +135,7 @@ class CorrectedTable:
         """What to know about the columns, and about readings that a calibration would not take as they are."""
         lines = self._lines
         gone = (
-            f"{self._source}: rows without a number, left out: {len(lines.missing)} (first: line {lines.missing[0]})"
+            f"{self._source}: rows without a number, left out: {lines.missing} (first: line {lines.first_missing})"
             if lines.missing
             else ""
         )

@@ -65,8 +65,8 @@ class ImuLines:
         Header of the stamps, and that of columns after the readings with its comma; None before it came.
     notes
         What to know about the columns.
-    missing
-        Lines of rows without a number (NaN, or an empty cell), which are left out.
+    missing, first_missing
+        Number of rows without a number (NaN, or an empty cell), which are left out, and the line of the first.
     """
 
     def __init__(self, source: Path, *, packets: bool = False) -> None:
@@ -79,7 +79,7 @@ class ImuLines:
         self._last: int | None = None
         self._unreadable: RecordingError | None = None
         self.notes: list[DataWarning] = []
-        self.missing: list[int] = []
+        self.missing, self.first_missing = 0, 0
         self.header: tuple[str, str] | None = None
 
     def feed(self, data: bytes) -> ImuRows | None:
@@ -124,7 +124,7 @@ class ImuLines:
 
     def _readable(self, text: bytes) -> ImuRows | None:
         """Return the rows of a text, or those before one that cannot be read."""
-        begin, last = self._line, self._last
+        begin, last, columns, missing = self._line, self._last, self._columns, self.missing
         try:
             return self._rows(text)
         except RecordingError as error:
@@ -132,6 +132,7 @@ class ImuLines:
             if before.count(b"\n") <= (begin == 1):  # not more than the header
                 raise
             self._line, self._last, self._unreadable = begin, last, error
+            self._columns, self.missing = columns, missing
             return self._rows(before)
 
     def _rows(self, text: bytes) -> ImuRows | None:
@@ -160,7 +161,8 @@ class ImuLines:
         values = found.view(np.float64).reshape(len(found), len(self._columns))
         known = np.flatnonzero(~np.isnan(values[:, 1:7].sum(axis=1)))
         if known.size < len(rows):
-            self.missing += np.delete(numbers, known).tolist()
+            self.first_missing = self.first_missing or int(np.delete(numbers, known)[0])
+            self.missing += len(rows) - known.size
             rows, found, values = [rows[k] for k in known], found[known], values[known]
             numbers = [number for number, _ in rows]
             if not rows:

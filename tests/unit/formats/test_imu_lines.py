@@ -17,12 +17,13 @@ def _row(number: int) -> bytes:
     return f"{number * 5_000_000},0.1,0.2,{number},0,0,9.8\n".encode()
 
 
+@pytest.mark.parametrize("header", [_HEADER, _HEADER.lstrip(b"#")])
 @pytest.mark.parametrize("bad", [b"7,abc\n", b"0,0,0,0,0,0,0\n", b"900000000,inf,0,0,0,0,9.8\n"])
-def test_rows_before_an_unreadable_one_come_first(bad: bytes) -> None:
+def test_rows_before_an_unreadable_one_come_first(bad: bytes, header: bytes) -> None:
     lines = ImuLines(Path("stream"))
     good = b"".join(_row(number) for number in range(1, 41))
 
-    found = lines.feed(_HEADER + good + bad + _row(300))
+    found = lines.feed(header + good + bad + _row(300))
 
     assert found is not None
     np.testing.assert_array_equal(found.rates[:, 2], np.arange(1.0, 41.0))
