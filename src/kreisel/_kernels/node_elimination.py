@@ -51,7 +51,7 @@ def eliminate(
 ) -> tuple[Array, Array, Array, Array]:
     """Return changes of parameters (S, P), information (S, P, P), log-evidences (S,), changes of nodes (S, M, NODE).
 
-    A log-evidence is -inf for sets of weights whose equations are not positive definite.
+    A log-evidence is -inf for sets of weights whose equations are not positive definite; nothing is changed for them.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def eliminate(
     check_indices("next", rows.next, -1, M)
     if not 0 <= alike <= t or not S:
         raise ValueError(f"{alike} rows alike of {t}, in {S} sets")
-    parameters, information = np.empty((S, P)), np.empty((S, P, P))
+    parameters, information = np.zeros((S, P)), np.zeros((S, P, P))
     evidence, nodes = np.empty(S), np.zeros((S, M, NODE))
     _eliminate(
         rows, weights, alike, of_nodes.reshape(-1, NODE), of_parameters, parameters, information, evidence, nodes

@@ -207,13 +207,13 @@ def fitted(
         if i < _SEARCHES or i % _SEARCHES == 0:
             figures = find_noise(problem, linear, how, about, figures)
         found = solution(problem, linear, how, as_row(figures), about)
+        if not np.isfinite(found.log_evidence).all():
+            raise RecordingError(_NOTHING_FITS, file=problem.imu.source)
         if i == steps or settled.all():
             break
         change, nodes = found.parameters[0], found.nodes[0]
         p, C = problem.changed(p, change), moved(C, nodes[:, ATTITUDE])
         settled = np.abs(change) < _SETTLED / np.sqrt(np.diag(found.information[0]))
-    if not np.isfinite(found.log_evidence).all():
-        raise RecordingError(_NOTHING_FITS, file=problem.imu.source)
     return StaticEstimate(
         problem,
         p,

@@ -225,6 +225,8 @@ def _by_turns(evidence: Callable[[Array], Array], start: Array, hidden: Array, l
             trial = np.repeat(figures[None], _GRID.size, axis=0)
             trial[:, k] = hidden[k] * _GRID
             own = evidence(trial)
+            if not np.isfinite(own).any():
+                return figures
             chance = np.exp(own - own.max())
             chance[0] *= _BELOW
             figures[k] = hidden[k] * np.sqrt(chance @ _GRID**2 / chance.sum())

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from kreisel.calibration.device_axes import upper_triangular
+from kreisel.errors import RecordingError
 from kreisel.inertial.sensor_model import SensorParameters
 from kreisel.preparation.gravity import site_of
 from kreisel.simulation.standstills import HandTurns, hand_turned
+from kreisel.static import rest_chain
 from kreisel.static.first_values import first_values
 from kreisel.static.multi_position import estimate_static
 from kreisel.static.rest_problem import RestProblem, raw_of
@@ -132,3 +134,18 @@ def largest(outcome, truth: SensorParameters) -> float:
     sd = outcome.calibration.sensor_sd.K_a
     error = outcome.calibration.sensors.K_a - expected
     return float(np.max(np.abs(error[sd > 0.0]) / sd[sd > 0.0]))
+
+
+def test_equations_that_nothing_solves_are_said_to_fit_nothing(monkeypatch):
+    """Where no size of the noise gives equations that are positive definite: no number may come from them."""
+    problem = problem_of(turned(attitudes=8, rest=3.0)[1])
+    start = first_values(problem)
+
+    eliminate = rest_chain.eliminate
+
+    def unsolved(rows, weights, *rest):
+        return eliminate(rows, -weights, *rest)
+
+    monkeypatch.setattr(rest_chain, "eliminate", unsolved)
+    with np.errstate(invalid="ignore"), pytest.raises(RecordingError, match="do not fit standstills and turns"):
+        estimate_static(problem, start)
