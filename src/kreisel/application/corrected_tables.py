@@ -134,12 +134,11 @@ class CorrectedTable:
     def notes(self) -> list[str]:
         """What to know about the columns, and about readings that a calibration would not take as they are."""
         lines = self._lines
-        gone = (
-            f"{self._source}: rows without a number, left out: {lines.missing} (first: line {lines.first_missing})"
-            if lines.missing
-            else ""
-        )
-        return [*([str(note) for note in lines.notes] if self._warm else []), *([gone] if gone else []), *self._scatter]
+        out = [str(note) for note in lines.notes] if self._warm else []
+        if lines.missing:
+            places = f"{lines.missing} (first: line {lines.first_missing})"
+            out.append(f"{self._source}: rows without a number, left out: {places}")
+        return out + self._scatter
 
     def _header(self) -> bytes:
         if self._header_written or self._lines.header is None:

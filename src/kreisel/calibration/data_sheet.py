@@ -161,7 +161,9 @@ def of_parameters(
     """
     for name, own in (("gyro_bias_deg_h", deviations.k_w[0] / DEG_PER_HOUR), ("accel_bias_mg", deviations.k_a[0] / MG)):
         stated = derived[name].deviation if name in derived else own
-        for k in np.flatnonzero(np.abs(stated - own) > _AGREES * own + _ROUNDING).tolist():
+        apart = np.abs(stated - own) > _AGREES * own + _ROUNDING
+        if apart.any():
+            k = int(np.argmax(apart))
             raise ValueError(
                 f"standard_deviation.derived.{name}[{k}] is {stated[k]:.6g}, but the offset's gives {own[k]:.6g}: "
                 "somebody changed one of them"

@@ -281,9 +281,12 @@ def _last_line(text: bytes, line: int, path: Path, warnings: list[DataWarning]) 
         yield text, line
         return
     name = f"{path.parent.name}/{path.name}"
-    warnings.append(
-        DataWarning(name, f"the last line has no end ('{text.decode()[-40:]}'): it may be cut and was left out")
-    )
+    warnings.append(without_end(name, text.decode()))
+
+
+def without_end(name: str, line: str) -> DataWarning:
+    """Return the warning about a last line without an end, which is left out of the table of a name."""
+    return DataWarning(name, f"the last line has no end ('{line[-40:]}'): it may be cut and was left out")
 
 
 def _instead(path: Path) -> str:

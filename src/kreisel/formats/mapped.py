@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kreisel.errors import RecordingError, unknown_name
+from kreisel.formats.csv_table import without_end
 from kreisel.formats.mapping import Term, TimeRule, parse_orientation, parse_terms, parse_time
 from kreisel.formats.robot_description import description_beside, is_there
 from kreisel.formats.rotation_forms import positions_of, quantity_of, quaternions_of
@@ -73,9 +74,8 @@ class _Tables:
     @property
     def cut(self) -> list[DataWarning]:
         """Warnings about last lines that were left out."""
-        text = "the last line has no end ('{}'): it may be cut and was left out"
         lines = {path.name: self.read[path].cut.strip() for path in sorted(self.used)}
-        return [DataWarning(name, text.format(line[-40:])) for name, line in lines.items() if line]
+        return [without_end(name, line) for name, line in lines.items() if line]
 
 
 def tables_in(path: Path) -> list[Path]:

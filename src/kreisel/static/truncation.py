@@ -52,17 +52,20 @@ def with_truncation(
     deviations = [found.deviation[layout[name]][:3] for name in ("gyro_offset", "accel_offset")]
     matters = [bool((0.5 * step > _MATTERS * own).any()) for step, own in zip(steps, deviations, strict=True)]
 
-    def without(which: tuple[bool, bool], least: float) -> tuple[Chosen, StaticEstimate]:
-        """Return method and estimate without truncation; effects are chosen anew if the gain is `least` or more."""
+    def anew(problem: RestProblem) -> StaticEstimate:
+        return estimate_static(problem, chosen.start, of_step(progress, "fit"), chosen.attitudes)
+
+    def without(which: tuple[bool, bool]) -> tuple[Chosen, StaticEstimate]:
+        """Return method and estimate without truncation; effects are chosen anew where it may be shown."""
         restored = _restored(problem, (steps[0] * which[0], steps[1] * which[1]))
         alike = restored.with_effects(found.problem.effects)
         near = fitted(alike, found.parameters, found.noise, found.inflated, found.attitudes)
-        if near.log_evidence - found.log_evidence >= least:
-            near = estimate_static(restored, chosen.start, of_step(progress, "fit"), chosen.attitudes)
+        if near.log_evidence - found.log_evidence >= _IN_REACH:
+            near = anew(restored)
         return replace(chosen, problem=restored), near
 
     which = [own for own, one in zip(((True, False), (False, True)), matters, strict=True) if one]
-    trials = [without(own, _IN_REACH) for own in which]
+    trials = [without(own) for own in which]
     plain = [other.log_evidence - found.log_evidence for _, other in trials]
     says = [not own[0] or _show_steps(problem) for own in which]
     gain = sum(own for own, one in zip(plain, says, strict=True) if one)
@@ -72,7 +75,10 @@ def with_truncation(
             for (_, other), own in zip(trials, plain, strict=True)
         ]
         return chosen, replace(found, undecided=np.hstack([found.undecided, *open_]))
-    whole, other = without((True, True), -np.inf) if all(matters) else trials[0]
+    whole, other = trials[0]
+    if all(matters):
+        whole = replace(chosen, problem=_restored(problem, steps))
+        other = anew(whole.problem)
     sizes = [f"{step.max():.2g} {unit}" for step, unit in zip(steps, ("rad/s", "m/s^2"), strict=True) if step.any()]
     said = DataWarning("imu", _TRUNCATED.format(steps=" and ".join(sizes)))
     return replace(whole, warnings=(*chosen.warnings, said)), other

@@ -33,6 +33,7 @@ from kreisel.certificate.certificate_page import html
 from kreisel.certificate.content import certificate_of, fields_of
 from kreisel.certificate.statement import digest_of
 from kreisel.errors import KreiselError, SettingsError, reason_of
+from kreisel.files import write_whole
 from kreisel.station.golden_unit import golden_check
 from kreisel.station.production_line import Line
 from kreisel.station.retest import outcome_of, recent_tests
@@ -331,8 +332,7 @@ class Station:
             today = self._now().astimezone().date()
             fields, digest = fields_of(calibration, {}), digest_of(result)
             made = certificate_of(calibration, fields, self.line.limits, self.line.language, today, digest)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(html(made), encoding="utf-8")
+            write_whole(path, html(made))
         except (KreiselError, OSError) as error:
             return f"no certificate: {error}"
         return ""
