@@ -12,6 +12,7 @@ from kreisel.errors import SettingsError
 from kreisel.formats.loading import load
 from kreisel.formats.write import write
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.model.stated_parameters import place_of
 from kreisel.recording.recording import Recording
 from kreisel.report.report_page import write_report
 
@@ -120,6 +121,28 @@ def test_a_prior_far_from_the_data_is_named():
     verdict = calibrated(priors={NAME: (value, 0.1 * sd)}).verdict
     assert not verdict.accepted
     assert any(reason.startswith(f"{NAME} lies") for reason in verdict.reasons)
+
+
+@pytest.mark.parametrize("parameter", ["gyroscope.offset[2]", "accelerometer.lever_arms[1,0]", "timing.skew"])
+def test_a_value_that_is_fixed_far_from_the_data_is_named(parameter):
+    """Against the deviation of the estimate in which it is not fixed; within one deviation nothing is said."""
+    base = usual()
+    group, place = place_of(parameter, 1)
+    value = float(base.estimate.run.parameters.stored(group)[place])
+    i = base.calibration.names.index(parameter)
+    sd = float(np.sqrt(base.calibration.covariance[i, i]))
+    wrong = calibrated(fixed={parameter: value + 20.0 * sd}).verdict
+    assert not wrong.accepted
+    assert wrong.reasons[0].startswith(f"{parameter} is fixed, and the data without that differ from it by -")
+    right = calibrated(fixed={parameter: value + sd}).verdict
+    assert right.accepted, right.reasons
+
+
+def test_a_group_that_is_fixed_at_its_start_value_is_compared_too():
+    """The arms start in the middle of the device; each is elsewhere."""
+    verdict = calibrated(fixed=["lever_arms"]).verdict
+    assert any(r.startswith("accelerometer.lever_arms[") and "is fixed" in r for r in verdict.reasons)
+    assert calibrated(fixed=["gravity"]).verdict.accepted
 
 
 def test_priors_in_the_recording_are_used_and_kept(tmp_path):

@@ -299,7 +299,7 @@ def test_raw_counts_are_calibrated_and_applied_to_counts(cell, refused, tmp_path
     force = np.genfromtxt(tmp_path / "applied.csv", delimiter=",", skip_header=1)[:400, 4:7]
     assert np.linalg.norm(force, axis=1).mean() == pytest.approx(9.81, abs=0.02)
     done = run("export", tmp_path / "out", "--to", "c", "-o", tmp_path / "imu.h")
-    assert "of raw counts take first" in " ".join(done.stdout.split())
+    assert "Of counts, first: rates (count - " in " ".join(done.stdout.split())
     done = run("apply", tmp_path / "out", cell, "-o", tmp_path / "wrong.csv")
     assert done.returncode == 1
     assert "one of raw counts" in done.stderr

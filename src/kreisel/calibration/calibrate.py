@@ -9,7 +9,15 @@ from functools import partial
 
 from kreisel.calibration.assembly import Assessment, assemble
 from kreisel.calibration.cross_validation import cross_validate
-from kreisel.calibration.evidence import CrossValidation, Evidence, LackOfFit, LatitudeCheck, Split, SplitHalves
+from kreisel.calibration.evidence import (
+    CrossValidation,
+    Evidence,
+    LackOfFit,
+    LatitudeCheck,
+    Split,
+    SplitHalves,
+    StatedValue,
+)
 from kreisel.calibration.filter_budget import budget_of, filter_parts
 from kreisel.calibration.inflation import (
     with_doubtful_latitude,
@@ -29,6 +37,7 @@ from kreisel.calibration.outcome import Outcome
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.split_halves import halves_disagreement, middle_of, split_halves
 from kreisel.calibration.splits import compare_splits, splits_disagreement
+from kreisel.calibration.stated_values import stated_values, without_stated
 from kreisel.calibration.time_base_choice import better_base, is_open, with_choice, with_either, with_time_base
 from kreisel.calibration.verdict import MAX_MOVED, consistency, judge
 from kreisel.errors import EstimationError, KreiselError, SettingsError
@@ -41,7 +50,6 @@ from kreisel.kalman.batch import Batch, path_near
 from kreisel.kalman.kalman_filter import KalmanFilter
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import Problem, without_forces
-from kreisel.model.stated_parameters import place_of
 from kreisel.preparation.build_problem import build_problem
 from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.preparation import Preparation
@@ -119,7 +127,7 @@ def run_calibration(
     recording = _in_use(recording, settings)
     began = time.perf_counter()
     first = _with_time_base(_begun(recording, settings, progress, executor), settings, progress, executor)
-    preparation, problem, given = first.preparation, first.problem, first.given
+    preparation, given = first.preparation, first.given
     found = with_unestimated_errors(first.found)
     seconds = time.perf_counter() - began
     found, checks = _checked(found, progress, executor, validate=validate, budget=budget)
@@ -129,10 +137,10 @@ def run_calibration(
     seen = replace(seen, posterior=found.deviation[: len(seen.names)])
     found = with_open_periods(found, preparation.correlation.periods)
     facts = consistency(found, preparation.correlation)
-    known = _known_scores(preparation, settings, problem, given, progress)
+    stated = _compared(found, preparation, given, progress)
     lack, halves = checks.lack, checks.halves
     parts = 0 if lack is None else len(lack.influence)
-    verdict = judge(found, Evidence(seen, facts, halves, checks.latitude, known, parts))
+    verdict = judge(found, Evidence(seen, facts, halves, checks.latitude, stated, parts))
     warnings = (*recording.warnings, *preparation.warnings, *found.warnings)
     whole = None if checks.of_filter is None else budget_of(found, checks.of_filter)
     calibration = assemble(preparation.recording, found, Assessment(seen, facts, verdict, seconds, whole), warnings)
@@ -281,34 +289,27 @@ def _with_time_base(
     )
 
 
-def _known_scores(
+def _compared(
+    found: Estimate,
     preparation: Preparation,
-    settings: CalibrationSettings,
-    problem: Problem,
     given: StatedFigures,
     progress: Progress | None = None,
-) -> Mapping[str, float]:
-    """Return how far an estimate without stated priors lies from each of them, in standard deviations.
+) -> tuple[StatedValue, ...]:
+    """Return what the user states of single parameters and groups, compared with an estimate without it.
 
     Parameters
     ----------
-    problem
-        The problem with the stated priors.
+    found
+        The estimate with what is stated.
     given
         Whose noise figures the user gave.
     """
-    stated = [(name, sd) for name, value, sd in settings.priors if sd > 0.0 and value is not None]
-    if not stated:
-        return {}
-    fixed = tuple(one for one in settings.priors if one[2] == 0.0)
-    free = build_problem(preparation, replace(settings, priors=fixed))
-    found = with_unestimated_errors(estimate(free, given, estimator_for(free), progress))
-    layout, deviation = found.problem.layout, found.deviation
-    scores = {}
-    for name, sd in stated:
-        group, index = place_of(name, settings.polynomial_order)
-        if group in layout:
-            far = found.run.parameters.stored(group)[index] - problem.prior.value.stored(group)[index]
-            own = float(found.problem.whole(group, deviation[layout[group]])[index])
-            scores[name] = abs(float(far)) / (own**2 + sd**2) ** 0.5
-    return scores
+    settings = without_stated(found.problem.settings)
+    if settings == found.problem.settings:
+        return ()
+    free = build_problem(preparation, settings)
+    try:
+        alone = estimate(free, given, estimator_for(free), progress)
+    except EstimationError:
+        return ()
+    return stated_values(found, with_unestimated_errors(alone))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -137,18 +136,43 @@ class LatitudeCheck:
 
 
 @dataclass(frozen=True)
+class StatedValue:
+    """What the user states of a parameter, and what the data say without it.
+
+    Attributes
+    ----------
+    name
+        Of the parameter.
+    sd
+        Standard deviation of what is stated, SI; 0 if the parameter is fixed.
+    difference, deviation
+        Of the estimate without it from what is stated, and the estimate's standard deviation.
+    """
+
+    name: str
+    sd: float
+    difference: float
+    deviation: float
+
+    @property
+    def score(self) -> float:
+        """By how many of its standard deviations the difference is not zero."""
+        return abs(self.difference) / max(float(np.hypot(self.deviation, self.sd)), 1e-300)
+
+
+@dataclass(frozen=True)
 class Evidence:
     """What a verdict depends on besides the estimate itself; each part is computed by a module of its own.
 
-    `known` are the distances of an estimate without them from the priors of single parameters that the user states, in
-    standard deviations, by name. `parts` is the number of parts whose scatter the deviations follow.
+    `stated` is what the user states of parameters, beside an estimate without it. `parts` is the number of parts whose
+    scatter the deviations follow.
     """
 
     observability: Observability
     consistency: Consistency
     halves: SplitHalves | None
     latitude: LatitudeCheck | None
-    known: Mapping[str, float] = field(default_factory=dict)
+    stated: tuple[StatedValue, ...] = ()
     parts: int = 0
 
 

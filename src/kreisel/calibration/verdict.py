@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from kreisel.calibration.causes import SEEN_IN_THE_DATA, find_causes, lasting_runs, slip_of_mount
 from kreisel.calibration.data_sheet import MAX_ANGLE, MAX_SCALE, MAX_SPREAD, non_orthogonality, sensitivity
-from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves
+from kreisel.calibration.evidence import Evidence, LatitudeCheck, SplitHalves, StatedValue
 from kreisel.calibration.result_sections import Cause, Consistency, Verdict
 from kreisel.estimation.consistency import gate_bounds, lag_one, mean_normalised
 from kreisel.model.calibration_settings import SENSORS
@@ -129,7 +129,7 @@ def judge(estimate: Estimate, evidence: Evidence) -> Verdict:
         *_slip(estimate, evidence.halves),
         *_latitude(evidence.latitude),
         *_priors(estimate),
-        *_known(evidence.known),
+        *_stated(evidence.stated),
         *_expansions(estimate),
         *_implausible(estimate),
         *_passes(estimate),
@@ -240,10 +240,20 @@ def _latitude(check: LatitudeCheck | None) -> list[Reason]:
     return [Reason(text, own=True)]
 
 
-def _known(scores: Mapping[str, float]) -> list[Reason]:
-    """Return the reasons about single parameters that lie far from the prior the user states."""
-    text = "standard deviations from the prior that is stated: correct it (prior in recording.toml, --prior)"
-    return [Reason(f"{name} lies {score:.1f} {text}", _of(name)) for name, score in scores.items() if score > MAX_SCORE]
+def _stated(values: Sequence[StatedValue]) -> list[Reason]:
+    """Return the reasons about parameters whose estimate lies far from what the user states of them."""
+    prior = "standard deviations from the prior that is stated: correct it (prior in recording.toml, --prior)"
+    reasons = []
+    for one in values:
+        if one.score <= MAX_SCORE:
+            continue
+        fixed = (
+            f"{one.name} is fixed, and the data without that differ from it by {one.difference:.3g} "
+            f"± {one.deviation:.1g}: correct it, or let it be estimated (fixed in recording.toml, --fix)"
+        )
+        text = fixed if one.sd == 0.0 else f"{one.name} lies {one.score:.1f} {prior}"
+        reasons.append(Reason(text, _of(one.name), own=True))
+    return reasons
 
 
 _STATED = {
