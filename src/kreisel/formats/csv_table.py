@@ -6,7 +6,7 @@ import io
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,11 +35,15 @@ _MAX_STAMP = 9.0e18  # ns; a little below the largest number of 64 bits
 
 @dataclass(frozen=True)
 class Column:
-    """A column's place in the table, its name and its unit (None where the header names none)."""
+    """A column's place in the table, its name and its unit (None where the header names none).
+
+    `words` are the text of its first cell and that cell's line, where it is no number: the column is then not read.
+    """
 
     index: int
     name: str
     unit: str | None
+    words: tuple[str, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -58,8 +62,11 @@ class Table:
         Raises
         ------
         RecordingError
-            If a unit is not one of the quantity, or the unit of a column is not clear.
+            If a unit is not one of the quantity, or the unit of a column is not clear, or if a column has no numbers.
         """
+        for column in columns:
+            if column.words is not None:
+                raise _no_number(*column.words, column, "a number; repair or delete the row", self.source)
         columns = self.with_units(columns)
         factors = np.array([self._factor(column, quantity) for column in columns])
         out = spill.room((self.stamps_ns.size, len(columns)), np.float64)
@@ -89,7 +96,7 @@ class Table:
                 file=self.source,
                 line=1,
             )
-        return [Column(column.index, column.name, stated[0]) for column in columns]
+        return [replace(column, unit=stated[0]) for column in columns]
 
     def _factor(self, column: Column, quantity: str) -> float:
         known = UNITS[quantity]
@@ -141,6 +148,7 @@ def read_table(path: Path, what: str) -> Table:
         if body.strip():
             lines = _line_ends(body) + 1
             if rows is None:
+                columns = without_words(columns, body, line)
                 whole = time_unit(columns, path) == "ns"
                 rows = _Rows(round(1.02 * path.stat().st_size / len(body) * lines) + 16, len(columns), whole)
             rows.read(body, lines, partial(parse_rows, body, columns, path, line))
@@ -375,15 +383,40 @@ def parse_rows(body: bytes, columns: tuple[Column, ...], path: Path, line: int) 
     if b"#" in body:
         _check_comments(body, columns, path, line)
     stamp_type = "i8" if time_unit(columns, path) == "ns" else "f8"
-    dtype = np.dtype([("stamp", stamp_type)] + [(f"c{i}", "f8") for i in range(1, len(columns))])
+    of_cells = ["f8" if column.words is None else "U1" for column in columns[1:]]
+    dtype = np.dtype([("stamp", stamp_type)] + [(f"c{i}", kind) for i, kind in enumerate(of_cells, 1)])
     # a StringIO would keep four bytes a character and be read three times slower
     text = io.TextIOWrapper(io.BytesIO(_with_empty_cells(body, stamp_type)), encoding="utf-8")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # rows of only comments need no warning
-            return np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
+            rows = np.atleast_1d(np.loadtxt(text, delimiter=",", dtype=dtype))
     except ValueError as error:
         raise _bad_row(body.decode(), columns, stamp_type, path, error, line) from error
+    if "U1" not in of_cells:
+        return rows
+    out = np.empty(len(rows), [("stamp", stamp_type), *((f"c{i}", "f8") for i in range(1, len(columns)))])
+    for name, kind in zip(dtype.names or (), [stamp_type, *of_cells], strict=True):
+        out[name] = np.nan if kind == "U1" else rows[name]
+    return out
+
+
+def without_words(columns: tuple[Column, ...], body: bytes, line: int) -> tuple[Column, ...]:
+    """Return columns with those marked whose cell in the first row is no number; `line` is the line of the first."""
+    for number, text in enumerate(body.split(b"\n"), line):
+        cells = [cell.strip() for cell in text.partition(b"#")[0].decode().split(",")]
+        if len(cells) == len(columns) and any(cells):
+            return tuple(
+                replace(one, words=(cell, number)) if one.index > 0 and cell and not is_number(cell) else one
+                for one, cell in zip(columns, cells, strict=True)
+            )
+    return columns
+
+
+def _no_number(cell: str, line: int, column: Column, expected: str, path: Path) -> RecordingError:
+    """Return the error about a cell that is not what was expected."""
+    text = f"'{cell[:40]}' in column {column.index + 1} ('{column.name}') is not {expected}"
+    return RecordingError(text, file=path, line=line)
 
 
 def _check_comments(body: bytes, columns: tuple[Column, ...], path: Path, line: int) -> None:
@@ -456,12 +489,8 @@ def _bad_row(
             )
         for cell, column in zip(cells, columns, strict=True):
             expected = _not_read(cell.strip(), _stamps_in(body) if column.index == 0 and stamp_type == "i8" else None)
-            if expected:
-                return RecordingError(
-                    f"'{cell.strip()[:40]}' in column {column.index + 1} ('{column.name}') is not {expected}",
-                    file=path,
-                    line=number,
-                )
+            if expected and column.words is None:
+                return _no_number(cell.strip(), number, column, expected, path)
     return RecordingError(f"cannot be read as a table of numbers: {error}; look for unusual characters", file=path)
 
 

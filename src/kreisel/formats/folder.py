@@ -280,7 +280,7 @@ def _read_joints(path: Path, warnings: list[DataWarning]) -> JointAngles | None:
             file=path,
             line=1,
         )
-    columns = list(table.columns[1:])
+    columns = [column for column in table.columns[1:] if column.words is None]
     angles = table.take(columns, "angle")
     _note_conversion(table, {"angle": columns}, warnings)
     return JointAngles(table.stamps_ns, angles, path, _header_units(table, angle=columns))

@@ -17,6 +17,7 @@ from kreisel.formats.csv_table import (
     parse_rows,
     stamps_in_nanoseconds,
     time_unit,
+    without_words,
 )
 from kreisel.formats.folder import imu_columns, temperature_of
 from kreisel.geometry.rotation import Array
@@ -148,6 +149,8 @@ class ImuLines:
         if self._comma is None and lines.strip():
             first = next(line for line in lines.split("\n") if line.strip())
             self._comma = has_last_comma(self._head, first, len(self._columns))
+        if self._last is None:
+            self._columns = without_words(self._columns, lines.encode(), begin)
         if self._comma:
             lines = LAST_COMMA.sub(b"", lines.encode()).decode()
         numbered = [(begin + i, line) for i, line in enumerate(lines.split("\n"))]

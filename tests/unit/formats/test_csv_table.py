@@ -371,3 +371,46 @@ def test_quaternions_without_axes_are_refused(tmp_path: Path) -> None:
     """They had been left out without a word."""
     with pytest.raises(RecordingError, match=r"columns are x, y, z, q1, q2, q3, q4; .*name each column by its axis"):
         poses(tmp_path, "t,x,y,z,q1,q2,q3,q4")
+
+
+def test_columns_of_words_are_not_read(tmp_path: Path) -> None:
+    """As rows of numbers alone are; they may have an empty cell, or a number among the words."""
+    rows = ["10,1,2,3,4,5,6,0,imu link", "20,-1e-3,,3,4,5,6,1,", "30,1,2,3,4,5,6,,7"]
+    got = table(tmp_path, f"{HEADER},status,frame\n" + "\n".join(rows) + "\n")
+    plain = table(tmp_path, f"{HEADER},status\n" + "\n".join(row.rpartition(",")[0] for row in rows) + "\n")
+    np.testing.assert_array_equal(got.stamps_ns, plain.stamps_ns)
+    np.testing.assert_array_equal(got.values[:, :-1], plain.values)
+    assert np.isnan(got.values[:, -1]).all()
+    assert got.columns[:-1] == plain.columns
+    assert got.columns[-1].words == ("imu link", 2)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("10,1,2,3,4,5,6,on\n20,1,2,x,4,5,6,on\n", "line 3: 'x' in column 4 ('w_z') is not a number"),
+        ("10,1,2,3,4,5,6,on\n20,1,2,4,5,6,on\n", "line 3: 7 values, expected 8"),
+        ("10,1,2,3,4,5,6,on\n20,1,2,3,4,5,6,on,8\n", "line 3: 9 values, expected 8"),
+    ],
+)
+def test_rows_with_words_are_checked(tmp_path: Path, rows: str, said: str) -> None:
+    assert said in message(tmp_path, f"{HEADER},state\n{rows}")
+
+
+def test_words_where_numbers_are_needed_are_named(tmp_path: Path) -> None:
+    table(tmp_path, f"{HEADER}\n# made by hand\n10,1,2,none,4,5,6\n20,1,2,3,4,5,6\n")
+    with pytest.raises(RecordingError, match=r"line 3: 'none' in column 4 \('w_z'\) is not a number; repair or delete"):
+        load_folder(tmp_path)
+
+
+def test_a_joint_has_no_words(tmp_path: Path) -> None:
+    table(tmp_path, f"{HEADER}\n10,1,2,3,4,5,6\n20,1,2,3,4,5,6\n")
+    for name, text in {
+        "pose0": "#timestamp [ns],body,p_x [m],p_y,p_z,q_w,q_x,q_y,q_z\n10,tool,1,2,3,1,0,0,0\n20,tool,1,2,3,1,0,0,0\n",
+        "joint0": "#timestamp [ns],q_1 [deg],mode,q_2\n10,180,auto,0\n20,90,hand,0\n",
+    }.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "data.csv").write_text(text)
+    recording = load_folder(tmp_path)
+    np.testing.assert_allclose(recording.joints.angles, [[np.pi, 0.0], [np.pi / 2.0, 0.0]])
+    np.testing.assert_array_equal(recording.reference.positions[0], [1.0, 2.0, 3.0])

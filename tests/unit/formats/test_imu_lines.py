@@ -36,3 +36,12 @@ def test_rows_before_an_unreadable_one_come_first(bad: bytes, header: bytes) -> 
 def test_a_first_row_that_is_unreadable_is_named_at_once() -> None:
     with pytest.raises(RecordingError, match="line 2"):
         ImuLines(Path("stream")).feed(_HEADER + b"7,abc\n" + _row(1))
+
+
+def test_columns_of_words_are_kept_as_they_are() -> None:
+    lines = ImuLines(Path("-"))
+    rows = lines.feed(_HEADER.replace(b"\n", b",frame\n") + b"10,1,2,3,4,5,6,imu\n20,1,2,3,4,5,6,7\n")
+    assert rows is not None
+    later = lines.feed(b"30,1,2,3,4,5,6,none\n")
+    assert later is not None
+    assert rows.others + later.others == [",imu", ",7", ",none"]
