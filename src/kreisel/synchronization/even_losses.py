@@ -54,15 +54,20 @@ def evenly_lost(found: LostSamples, stamps_ns: Stamps, clock: Clock) -> list[Los
     begin, end = runs(number >= max(_FEWEST, _MOST * len(windows)))
     middle = [float(np.median(periods[a:b][number[a:b] == number[a:b].max()])) for a, b in zip(begin, end, strict=True)]
     combs = [_comb(period, low, high, whole) for period in sorted(middle, reverse=True)[:_COMBS]]
-    return [_at_teeth(found, *comb, stamps_ns.size, clock) for comb in combs]
+    return [_at_teeth(found, *comb, stamps_ns.size, clock) for comb in combs if comb is not None]
 
 
-def _comb(period: float, low: Array, high: Array, whole: float) -> tuple[Array, Array, float]:
-    """Return the teeth of the comb of about a period that fits most windows, their deviations, and its period."""
+def _comb(period: float, low: Array, high: Array, whole: float) -> tuple[Array, Array, float] | None:
+    """Return the teeth of the comb of about a period that fits most windows, their deviations, and its period.
+
+    None where too few teeth have losses: those about one moment are on every comb.
+    """
     phase = _most_on(period, low, high)[1]
     middle, width = 0.5 * (low + high), high - low
     tooth = np.round((middle - phase) / period)
     on = np.abs(middle - phase - period * tooth) <= 0.5 * width + _BESIDE
+    if np.unique(tooth[on]).size < _FEWEST:
+        return None
     (slope, first), covariance = np.polyfit(tooth[on], middle[on], 1, w=12**0.5 / width[on], cov="unscaled")
     number = np.arange(np.ceil(-first / slope), np.floor((whole - first) / slope) + 1.0)
     sd = np.sqrt(covariance[1, 1] + 2.0 * number * covariance[0, 1] + number**2 * covariance[0, 0])

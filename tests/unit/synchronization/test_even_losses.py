@@ -86,3 +86,7 @@ def test_a_sensor_that_measures_a_little_faster_than_it_is_asked_is_put_right():
     before = (recording.imu.stamps_ns - true).astype(float)
     assert np.std(off) < 0.4 * np.std(before)
     assert found.recording.imu.lateness == pytest.approx(5e-3 * 12**-0.5, rel=0.1)
+
+
+def test_losses_about_one_moment_are_on_no_comb():
+    assert evenly_lost(found_at([100.0, 100.01, 100.02, 100.03, 100.04, 100.05]), stamps(), CLOCK) == []
