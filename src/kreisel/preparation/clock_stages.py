@@ -35,7 +35,8 @@ _MAX_LOST_SHARE = 0.007
 """Share of the samples that may be restored: more of them explain a clock of any rate."""
 
 _ROUNDS_OF_SIZE, _SETTLED = 5, 0.3
-"""Corrections of a jump's size at most, and deviations of it below which it is found. Chosen: each leaves a tenth."""
+"""Corrections of a jump or a slew at most, and deviations of a jump below which it is found. Chosen: each leaves a
+tenth."""
 
 _EQUAL_RATES = 3e-4
 """Difference of two clocks that a crystal may have."""
@@ -97,8 +98,13 @@ def without_slew(before: Comparison) -> Comparison | None:
         return None
     found = []
     for whose, without in (("reference", _in_reference), ("IMU", _in_imu)):
-        own = slew.refined(without(before, slew).fit)
-        found.append(without(before, own).with_warning(own.warning(whose)))
+        own, after = slew, without(before, slew)
+        for _ in range(_ROUNDS_OF_SIZE):
+            last, own = own, own.refined(after.fit)
+            after = without(before, own)
+            if own.is_like(last):
+                break
+        found.append(after.with_warning(own.warning(whose)))
     return min(found, key=lambda one: one.fit.residual_sd)
 
 
@@ -135,9 +141,9 @@ def in_stated_seconds(before: Comparison) -> Comparison:
 def repaired(comparison: Comparison) -> Comparison:
     """Return the comparison after all stages. Where samples were lost, a jump of the clocks is not looked for."""
     complete, slewed = without_losses(comparison), without_slew(comparison)
-    if complete is None:
-        return in_stated_seconds(without_jump(comparison if slewed is None else slewed))
-    return in_stated_seconds(min(filter(None, (complete, slewed)), key=lambda one: one.fit.residual_sd))
+    other = without_jump(comparison) if complete is None else complete
+    found = min(filter(None, (other, slewed)), key=lambda one: one.fit.residual_sd)
+    return in_stated_seconds(without_jump(found) if found is slewed and complete is None else found)
 
 
 def _taken_out(found: Comparison, jump: ClockJump) -> Comparison:

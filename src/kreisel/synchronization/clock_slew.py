@@ -15,9 +15,6 @@ from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.clock_jump import MIN, drift_of, explains, fitted, straight, with_best_step
 from kreisel.synchronization.fits import RateFit
 
-_CLEARER = 0.5
-"""Share of what a step leaves that a slew leaves at most. Chosen: it has two moments to choose, and a step one."""
-
 _BENT = 0.1
 """Of the size of a slew, by which shifts leave a straight line at least. Chosen: ramps between any two parts of twelve
 leave it by 0.15 to 0.84."""
@@ -28,8 +25,15 @@ _SHORTEST = 1.0
 _BESIDE = 2
 """Parts before and after a slew at least: by one the line goes wherever the ramp wants it."""
 
-_GRID, _SAMPLES = (2.0, 8.0, 32.0), 8
-"""Steps of the moments searched in a part of the recording, one search after another, and samples of its mean."""
+_GRID = (2.0, 8.0, 32.0)
+"""Steps of the moments searched in a part of the recording, one search after another."""
+
+_ENDS, _STEP = 0.5, 1e-3
+"""Deviation of the moments first found, and step of derivatives by them, in parts of the recording. Chosen: parts do
+not show the ends of a ramp within one part apart; the deviation keeps both where they were found."""
+
+_SAME = 0.3
+"""Deviations within which a slew is the same one."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +46,32 @@ class ClockSlew:
     size_sd: float
 
     def refined(self, fit: RateFit) -> ClockSlew:
-        """Return the slew with what is left of it, by the fit after it was taken out."""
+        """Return the slew by what is left of it in the fit after it was taken out: begin, end and size."""
         tau, shift, sd = drift_of(fit)
         if tau.size <= 2 * _BESIDE:
             return self
-        _, x, deviation = _with_ramp(tau, shift, sd, float(np.median(np.diff(tau))), (self.begin, self.end))
-        return replace(self, size=self.size + float(x[2]), size_sd=float(deviation[2]))
+        width = float(np.median(np.diff(tau)))
+        ends = np.array([self.begin, self.end])
+        share = _ramp(tau, width, ends)
+        by_ends = [_ramp(tau, width, ends + step) - share for step in _STEP * width * np.eye(2)]
+        slopes = self.size / (_STEP * width) * np.array(by_ends)
+        known = np.eye(5)[3:] / (_ENDS * width)
+        columns = np.vstack([np.column_stack([straight(tau), share, slopes.T]) / sd[:, None], known])
+        y = np.append(shift / sd, np.zeros(2))
+        covariance = np.linalg.inv(columns.T @ columns)
+        change = covariance @ columns.T @ y
+        left = float(np.sum((y - columns @ change) ** 2)) / tau.size
+        begin, end = ends + change[3:]
+        if end - begin < _SHORTEST * width or begin < tau[0] or end > tau[-1]:
+            return self
+        size = self.size + float(change[2]) / (1.0 + fit.clock.skew)
+        return ClockSlew(float(begin), float(end), size, float(np.sqrt(covariance[2, 2] * max(left, 1.0))))
+
+    def is_like(self, other: ClockSlew) -> bool:
+        """Return whether both differ by less than the stamps of either show."""
+        rate = abs(self.size) / (self.end - self.begin)
+        ends = max(abs(self.begin - other.begin), abs(self.end - other.end))
+        return max(abs(self.size - other.size), rate * ends) <= _SAME * other.size_sd
 
     def taken_out(self, reference: ReferencePoses) -> ReferencePoses:
         """Return the poses with stamps by a clock that was not slewed."""
@@ -86,7 +110,7 @@ class ClockSlew:
 
 
 def find_clock_slew(fit: RateFit) -> ClockSlew | None:
-    """Return the slew that explains why the clocks do not run evenly; None if there is none, or a step explains it.
+    """Return the slew that explains why the clocks do not run evenly; None if a step does so better, or nothing.
 
     Notes
     -----
@@ -102,8 +126,8 @@ def find_clock_slew(fit: RateFit) -> ClockSlew | None:
     width = float(np.median(np.diff(tau)))
     best = _best_ends(tau, shift, sd, width)
     left, x, deviation = _with_ramp(tau, shift, sd, width, best)
-    clearer = left <= _CLEARER * step.left and best[1] - best[0] >= _SHORTEST * width
-    if not clearer or not explains(left, even, x, deviation):
+    better = left < step.left and best[1] - best[0] >= _SHORTEST * width
+    if not better or not explains(left, even, x, deviation):
         return None
     skew = fit.clock.skew + x[1]
     return ClockSlew(*best, float(x[2]) / (1.0 + skew), float(deviation[2]))
@@ -126,8 +150,17 @@ def _with_ramp(
     tau: Array, shift: Array, sd: Array, width: float, ends: tuple[float, float]
 ) -> tuple[float, Array, Array]:
     """Return the fit of a line with a ramp between two moments; nothing fits if it is not well inside."""
-    inside = tau[:, None] + width * ((np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5)
-    share = np.clip((inside - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0).mean(axis=1)
-    if share[_BESIDE - 1] > 0.0 or share[-_BESIDE] < 1.0:
+    if ends[0] < tau[_BESIDE - 1] + 0.5 * width or ends[1] > tau[-_BESIDE] - 0.5 * width:
         return np.inf, np.zeros(3), np.ones(3)
-    return fitted(np.column_stack([straight(tau), share]), shift, sd)
+    return fitted(np.column_stack([straight(tau), _ramp(tau, width, np.array(ends))]), shift, sd)
+
+
+def _ramp(tau: Array, width: float, ends: Array) -> Array:
+    """Return the mean over each part, about tau (n,), of a ramp from 0 to 1 between two moments."""
+    begin, end = ends
+
+    def integral(t: Array) -> Array:
+        inside = np.clip(t, begin, end) - begin
+        return np.asarray(inside**2 / (2.0 * (end - begin)) + np.maximum(t - end, 0.0))
+
+    return (integral(tau + 0.5 * width) - integral(tau - 0.5 * width)) / width
