@@ -15,7 +15,7 @@ from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.clock_jump import ClockJump, corrected, find_clock_jump
 from kreisel.synchronization.clock_slew import ClockSlew, find_clock_slew
 from kreisel.synchronization.even_losses import evenly_lost
-from kreisel.synchronization.lost_samples import LostSamples, find_lost_samples
+from kreisel.synchronization.lost_samples import LostSamples, find_lost_poses, find_lost_samples
 
 _ROUNDS_OF_LOSSES = 3
 """Searches for lost samples: with the first ones restored the clocks' line is a better one, and may show others.
@@ -37,6 +37,10 @@ _MAX_LOST_SHARE = 0.007
 _ROUNDS_OF_SIZE, _SETTLED = 5, 0.3
 """Corrections of a jump or a slew at most, and deviations of a jump below which it is found. Chosen: each leaves a
 tenth."""
+
+_WHOLE = 0.95
+"""Share of the residual that lost poses leave by which they are preferred: whole intervals of counted stamps are no
+chance. Chosen: a jump leaves out the poses beside it, which are a little worse."""
 
 _EQUAL_RATES = 3e-4
 """Difference of two clocks that a crystal may have."""
@@ -86,6 +90,24 @@ def _evenly_lost(before: Comparison, missing: LostSamples) -> LostSamples | None
     }
     least = min(left, default=np.inf)
     return left[least] if least < _FAR_LESS * before.fit.residual_sd else None
+
+
+def without_lost_poses(before: Comparison) -> Comparison | None:
+    """Return the comparison with later stamps of poses after some that were lost without a gap; None if none were."""
+    if before.recording.joints is not None:
+        return None  # a robot's own stamps
+    found, fit = None, before.fit
+    for _ in range(_ROUNDS_OF_LOSSES):
+        skew = 0.0 if found is None else found.fit.clock.skew
+        missing = find_lost_poses(before.readings, before.reference, fit, skew)
+        if missing is None or missing.counts.sum() > _MAX_LOST_SHARE * before.reference.stamps_ns.size:
+            break
+        other = before.of(before.recording, missing.restored(before.reference))
+        if found is not None and other.fit.residual_sd >= found.fit.residual_sd:
+            break
+        found = other.with_warning(missing.warning(before.reference))
+        fit = replace(found.fit, clock=before.fit.clock)  # with a matrix that losses no longer disturb
+    return found
 
 
 def without_slew(before: Comparison) -> Comparison | None:
@@ -140,9 +162,13 @@ def in_stated_seconds(before: Comparison) -> Comparison:
 
 def repaired(comparison: Comparison) -> Comparison:
     """Return the comparison after all stages. Where samples were lost, a jump of the clocks is not looked for."""
-    complete, slewed = without_losses(comparison), without_slew(comparison)
-    other = without_jump(comparison) if complete is None else complete
-    found = min(filter(None, (other, slewed)), key=lambda one: one.fit.residual_sd)
+    complete, poses, slewed = without_losses(comparison), without_lost_poses(comparison), without_slew(comparison)
+    jumped = without_jump(comparison) if complete is None else None
+
+    def left(one: Comparison) -> float:
+        return one.fit.residual_sd * (_WHOLE if one is poses else 1.0)
+
+    found = min(filter(None, (complete, poses, jumped, slewed)), key=left)
     return in_stated_seconds(without_jump(found) if found is slewed and complete is None else found)
 
 

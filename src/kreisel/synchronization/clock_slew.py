@@ -15,6 +15,10 @@ from kreisel.synchronization.clock import Clock
 from kreisel.synchronization.clock_jump import MIN, drift_of, explains, fitted, straight, with_best_step
 from kreisel.synchronization.fits import RateFit
 
+_USUAL, _CLEARER = 1e-3, 0.5
+"""Rate of a slew up to which it is as likely as a step (services that set clocks stay below), and share of what a step
+leaves that a faster one leaves at most. Chosen: samples lost one after the other look like a fast one."""
+
 _BENT = 0.1
 """Of the size of a slew, by which shifts leave a straight line at least. Chosen: ramps between any two parts of twelve
 leave it by 0.15 to 0.84."""
@@ -126,7 +130,8 @@ def find_clock_slew(fit: RateFit) -> ClockSlew | None:
     width = float(np.median(np.diff(tau)))
     best = _best_ends(tau, shift, sd, width)
     left, x, deviation = _with_ramp(tau, shift, sd, width, best)
-    better = left < step.left and best[1] - best[0] >= _SHORTEST * width
+    usual = abs(x[2]) <= _USUAL * (best[1] - best[0])
+    better = left <= (1.0 if usual else _CLEARER) * step.left and best[1] - best[0] >= _SHORTEST * width
     if not better or not explains(left, even, x, deviation):
         return None
     skew = fit.clock.skew + x[1]

@@ -1,8 +1,8 @@
-"""Samples that were lost without a gap in their stamps, found by comparison with the reference.
+"""Samples or poses that were lost without a gap in their stamps, found by comparison of IMU and reference.
 
 A program that counts samples instead of stamping them does not notice when one is lost: all later stamps are too early
-by one interval, and the rotation during that interval is missing in the integral of the rates. Both show in the
-difference of the attitudes by gyros and by reference.
+by one interval, and of samples the rotation during that interval is missing in the integral of the rates. Both show in
+the difference of the attitudes by gyros and by reference.
 """
 
 from __future__ import annotations
@@ -101,15 +101,7 @@ class LostSamples:
         inside = np.zeros(tau.size, dtype=bool)
         for low, high in self.unsure:
             inside |= (tau >= low) & (tau <= high)
-        moving = np.zeros(tau.size, dtype=bool)
-        for values, size in ((reference.positions, _LITTLE[0]), (reference.quaternions, _LITTLE[1])):
-            if values is not None:
-                signs = np.ones((tau.size, 1))
-                if values.shape[1] == 4:  # q and -q are the same
-                    signs[1:, 0] = np.cumprod(np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0))
-                speed = lengths(np.gradient(values * signs, tau, axis=0))
-                moving |= speed * (1.0 if values.shape[1] == 3 else 2.0) * T > size
-        return np.asarray(~(inside & moving))
+        return np.asarray(~(inside & _moving(reference, T)))
 
     def max_within(self, seconds: float) -> int:
         """Return the largest number of samples lost within some seconds."""
@@ -150,6 +142,64 @@ class LostSamples:
         return DataWarning("stamps", text)
 
 
+@dataclass(frozen=True)
+class LostPoses:
+    """Poses that were lost without a gap.
+
+    Attributes
+    ----------
+    places, counts : (k,)
+        Numbers of the poses after them, and how many at each place.
+    interval_ns
+        Of the stamps.
+    unsure : (k, 2)
+        Reference seconds between which each place lies for sure.
+    """
+
+    places: Indices
+    counts: Indices
+    interval_ns: int
+    unsure: Array
+
+    def restored(self, reference: ReferencePoses) -> ReferencePoses:
+        """Return the poses with later stamps after lost ones; those between which a place may lie are doubtful."""
+        missing = np.zeros(reference.stamps_ns.size, dtype=np.int64)
+        np.add.at(missing, self.places, self.counts)
+        tau, known = reference.seconds, reference.doubtful
+        inside = np.any([(tau >= low) & (tau <= high) for low, high in self.unsure], axis=0)
+        doubtful = inside & _moving(reference, 1e-9 * self.interval_ns)
+        return replace(
+            reference,
+            stamps_ns=reference.stamps_ns + self.interval_ns * np.cumsum(missing),
+            doubtful=doubtful if known is None else doubtful | known,
+        )
+
+    def warning(self, reference: ReferencePoses) -> DataWarning:
+        """Return the warning about them."""
+        total, places = int(self.counts.sum()), ", ".join(f"{t:.1f}" for t in reference.seconds[self.places[:_NAMED]])
+        more = f" and {self.places.size - _NAMED} more places" if self.places.size > _NAMED else ""
+        text = (
+            f"stamps of the poses are counted every {1e-6 * self.interval_ns:.5g} ms, but {total} "
+            f"pose{'s were' if total > 1 else ' was'} lost without a gap, at {places} s{more}, as the gyros show; the "
+            "stamps after them were corrected"
+        )
+        return DataWarning("stamps", text)
+
+
+def _moving(reference: ReferencePoses, T: float) -> Mask:
+    """Return which poses (n,) are those of a motion that poses show within the time T."""
+    tau = reference.seconds
+    moving = np.zeros(tau.size, dtype=bool)
+    for values, size in ((reference.positions, _LITTLE[0]), (reference.quaternions, _LITTLE[1])):
+        if values is not None:
+            signs = np.ones((tau.size, 1))
+            if values.shape[1] == 4:  # q and -q are the same
+                signs[1:, 0] = np.cumprod(np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0))
+            speed = lengths(np.gradient(values * signs, tau, axis=0))
+            moving |= speed * (1.0 if values.shape[1] == 3 else 2.0) * T > size
+    return moving
+
+
 def find_lost_samples(
     imu: ImuSamples, readings: Readings, reference: ReferencePoses, fit: RateFit
 ) -> LostSamples | None:
@@ -164,33 +214,81 @@ def find_lost_samples(
     interval = counted_interval(imu.stamps_ns)
     if interval is None or reference.quaternions is None or not _suspicious(fit, 1e-9 * interval):
         return None
-    T = 1e-9 * interval
-    seen = _difference(readings, reference, fit)
-    if seen.tau.size < 50 or seen.tau.size * _states(seen, T, -fit.clock.skew) > _MAX_WORK:
+    seen, rise = _difference(readings, reference, fit), -fit.clock.skew
+    slower = _difference(readings, reference, fit, losses=False)
+    path = _with_losses(seen, slower, 1e-9 * interval, rise, turned_on=True)
+    if path is None:
         return None
-    for _ in range(_ROUNDS):
-        found = _survivors(seen, T, -fit.clock.skew, losses=True)
-        factor = found.noise_factor
-        if abs(factor - 1.0) < 0.1:
-            break
-        seen = replace(seen, noise=factor * seen.noise)
-    lost = found.lost
-    if lost[-1] == lost[0]:
-        return None
-    slower = replace(_difference(readings, reference, fit, losses=False), noise=seen.noise)
-    if found.cost > _survivors(slower, T, 0.0, losses=False).cost - _MIN_GAIN:
-        return None
-    jumps = _survivors(seen, T, -fit.clock.skew, losses=True, turned_on=False)
+    found, seen = path
+    jumps = _survivors(seen, 1e-9 * interval, rise, losses=True, turned_on=False)
     if found.cost > jumps.cost + _ALIKE:  # at rest the two are the same
         return None
-    steps = np.diff(lost)
-    at = np.flatnonzero(steps > 0)
-    t = seen.stamps[at + 1] - 0.5 * np.diff(seen.stamps)[at]
-    places = np.clip(np.searchsorted(imu.seconds, t), 1, imu.stamps_ns.size - 1)
-    unsure = _unsure(seen, T, at)
+    places, counts, unsure = _places(found, seen, 1e-9 * interval)
     if np.median(np.diff(unsure, axis=1)) > _ANYWHERE * (seen.tau[-1] - seen.tau[0]):
         return None
-    return LostSamples(places.astype(np.int64), steps[at].astype(np.int64), interval, unsure)
+    t = 0.5 * (seen.stamps[places] + seen.stamps[places + 1])
+    at = np.clip(np.searchsorted(imu.seconds, t), 1, imu.stamps_ns.size - 1)
+    return LostSamples(at.astype(np.int64), counts, interval, unsure)
+
+
+def find_lost_poses(
+    readings: Readings, reference: ReferencePoses, fit: RateFit, skew: float = 0.0
+) -> LostPoses | None:  # fmt: skip
+    """Return where poses were lost without a gap; None where stamps are not counted, or nothing shows it.
+
+    skew: of the clocks without losses, as far as it is known.
+
+    Notes
+    -----
+    As `find_lost_samples` with the other sign: a lost pose changes the shift e by +T, and d not at all.
+    """
+    interval = counted_interval(reference.stamps_ns)
+    if interval is None or reference.quaternions is None:
+        return None
+    T = 1e-9 * interval
+    if not _is_uneven(fit, T) and fit.clock.skew < 3.0 * fit.clock.skew_sd + 1e-6:
+        return None
+    seen = _difference(readings, reference, fit, losses=False)
+    # the matrix is that of clocks which do not run evenly: its errors are no noise, which would hide the losses
+    rise = fit.clock.skew - skew
+    path = _with_losses(replace(seen, rate=-seen.rate), seen, T, rise, turned_on=False, rounds=1)
+    if path is None:
+        return None
+    found, seen = path
+    places, counts, unsure = _places(found, seen, T)
+    if np.median(np.diff(unsure, axis=1)) > _ANYWHERE * (seen.tau[-1] - seen.tau[0]):
+        return None
+    middle = 0.5 * (seen.tau[places] + seen.tau[places + 1])
+    at = np.clip(np.searchsorted(reference.seconds, middle), 1, reference.stamps_ns.size - 1)
+    return LostPoses(at.astype(np.int64), counts, interval, unsure)
+
+
+def _with_losses(
+    seen: _Difference, slower: _Difference, T: float, rise: float, *, turned_on: bool, rounds: int = _ROUNDS
+) -> tuple[_Path, _Difference] | None:
+    """Return the path of least cost with losses, and the differences with the noise found; None if there are none.
+
+    slower: differences without losses, which a slower clock must explain less well; of poses, also one that drifts.
+    """
+    if seen.tau.size < 50 or seen.tau.size * _states(seen, T, rise) > _MAX_WORK:
+        return None
+    for k in range(rounds):
+        found = _survivors(seen, T, rise, losses=True, turned_on=turned_on, drifts=turned_on)
+        factor = found.noise_factor
+        if abs(factor - 1.0) < 0.1 or k == rounds - 1:
+            break
+        seen = replace(seen, noise=factor * seen.noise)
+    if found.lost[-1] == found.lost[0]:
+        return None
+    without = _survivors(replace(slower, noise=seen.noise), T, 0.0, losses=False)
+    return None if found.cost > without.cost - _MIN_GAIN else (found, seen)
+
+
+def _places(found: _Path, seen: _Difference, T: float) -> tuple[Indices, Stamps, Array]:
+    """Return the numbers of the differences before places with losses, how many were lost, and where for sure."""
+    steps = np.diff(found.lost)
+    at = np.flatnonzero(steps > 0)
+    return at, steps[at].astype(np.int64), _unsure(seen, T, at)
 
 
 def _unsure(seen: _Difference, T: float, at: Indices) -> Array:
@@ -218,11 +316,15 @@ def counted_interval(stamps_ns: Stamps) -> int | None:
 
 def _suspicious(fit: RateFit, T: float) -> bool:
     """Return whether the clocks' relation is not one straight line, or not that of equal clocks."""
+    return _is_uneven(fit, T) or fit.clock.skew < -3.0 * fit.clock.skew_sd - 1e-6
+
+
+def _is_uneven(fit: RateFit, T: float) -> bool:
+    """Return whether shifts of parts are no straight line, by a share of the interval T."""
     _, shift, sd = fit.clock_drift.T
     known = np.isfinite(shift) & (sd < T)
     off = shift[known] - np.median(shift[known]) if known.any() else np.zeros(0)
-    uneven = (np.abs(off) > _UNEVEN * T) & (np.abs(off) > _BEYOND * sd[known])
-    return bool(uneven.any()) or fit.clock.skew < -3.0 * fit.clock.skew_sd - 1e-6
+    return bool(np.any((np.abs(off) > _UNEVEN * T) & (np.abs(off) > _BEYOND * sd[known])))
 
 
 @dataclass(frozen=True)
@@ -300,7 +402,9 @@ def _states(seen: _Difference, T: float, rise: float) -> int:
     return int(np.ceil((2.0 * _FARTHEST + abs(rise) * float(np.ptp(seen.tau))) * _PARTS / T)) + 1
 
 
-def _survivors(seen: _Difference, T: float, rise: float, *, losses: bool, turned_on: bool = True) -> _Path:
+def _survivors(
+    seen: _Difference, T: float, rise: float, *, losses: bool, turned_on: bool = True, drifts: bool = True
+) -> _Path:  # fmt: skip
     """Return the path of least cost of the shift beside the line, in steps of a part of the interval.
 
     Parameters
@@ -311,13 +415,15 @@ def _survivors(seen: _Difference, T: float, rise: float, *, losses: bool, turned
         Whether samples may be lost; if not, the shift stays but for slow changes.
     turned_on
         Whether the IMU turned on while samples were lost. If not, only the clock jumped.
+    drifts
+        Whether the shift may change slowly, too.
     """
     n, part, states = seen.tau.size, T / _PARTS, _states(seen, T, rise)
     number = np.arange(states)
     mean, P = np.zeros((states, 3)), 0.5**2 * np.eye(3)
     total, came = np.zeros(states), np.zeros((n, states), dtype=np.int16)
     scores = np.zeros((n, states, 3), dtype=np.float32)
-    moves = [(0, 0.0, 0), (1, _PER_DRIFT, 0), (-1, _PER_DRIFT, 0)]
+    moves = [(0, 0.0, 0), *([(1, _PER_DRIFT, 0), (-1, _PER_DRIFT, 0)] if drifts else [])]
     if losses:
         moves += [(_PARTS * m, _PER_PLACE + _PER_SAMPLE * m, m) for m in range(1, _MAX_AT_ONCE + 1)]
     step = np.diff(seen.tau, prepend=seen.tau[0])
