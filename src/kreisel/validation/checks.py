@@ -20,7 +20,7 @@ from kreisel.validation.joint_checks import check_joints, joint_stamp_warnings, 
 from kreisel.validation.ordering import in_order
 from kreisel.validation.pose_checks import check_poses, stamped_poses
 from kreisel.validation.repeated_rows import without_repeated
-from kreisel.validation.sampling import with_lateness, with_restarts
+from kreisel.validation.sampling import evenly_stamped, with_lateness, with_restarts
 from kreisel.validation.stamp_checks import (
     LONG_GAP,
     MIN_SECONDS,
@@ -71,6 +71,9 @@ def check_streams(recording: Recording, *, moved: bool | None = None) -> Recordi
         warnings += sampling
     if joints is not None:
         check_joints(joints)
+    if reference is not None and joints is None:  # joint angles have the stamps of the poses
+        reference, found = evenly_stamped(reference)
+        warnings += found
     if reference is not None:
         reference, found = check_poses(reference, replace(stamped, stamps=imu.stamps_ns))
         reference, rounded = with_lateness(reference)

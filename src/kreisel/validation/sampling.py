@@ -13,9 +13,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from kreisel.errors import RecordingError
 from kreisel.estimation.robust import cauchy_weights
 from kreisel.geometry.rotation import Array
 from kreisel.recording.recording import DataWarning, ImuSamples, ReferencePoses, Stamps
+from kreisel.validation.stamp_checks import runs
 
 EXACT = 2e-3
 """Scatter of the stamps, in sampling intervals, below which they are not changed."""
@@ -53,6 +55,14 @@ _SHORT, _ASKED, _GAP, _WITHIN, _LONGER = 10.0, 0.1, 4.5, 1.3, 8
 """Steps of stamps of a sensor that is asked more often than it measures: percentile that is a usual one; scatter, and
 length of a gap, in usual steps; range of the stamps beside a line, in steps (1 without scatter); and number of longer
 steps. Chosen: of eight steps at random places, one in 20 000 draws lies so evenly."""
+
+_BURST, _BURSTS, _MOST_AT_ONCE = 0.3, 0.1, 20
+"""Of the mean step, up to which poses come at once; times that they do, as a share of the poses at least; and as many
+steps at once at most. Chosen: packets hold a few poses, and a robot that records more often in motion hundreds."""
+
+_OFF_LINE = 0.3
+"""Intervals by which the mean of bursts over seconds may depart from a line. Chosen: a pose that is missing moves it by
+a half on either side."""
 
 _LAG = 16  # samples over which the interval is measured: few enough that usually none of them is missing
 _TRUE_STAMPS = 0.5
@@ -177,6 +187,40 @@ def _on_lines(
     return replace(imu, stamps_ns=ns, lateness=float(np.std(late))), [_warning(imu, interval, late, lost)]
 
 
+def evenly_stamped(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarning]]:
+    """Return poses that come in bursts with stamps of regular sampling, and the warning about it.
+
+    Raises
+    ------
+    RecordingError
+        If they come in bursts, and were not sampled regularly.
+    """
+    seconds = (poses.stamps_ns - poses.stamps_ns[0]) * 1e-9
+    steps = np.diff(seconds)
+    near = steps[steps < 1.0]
+    mean = float(near.mean()) if near.size else 0.0
+    begin, end = runs(steps < _BURST * mean)
+    if poses.stamps_ns.size < MIN_PART or begin.size < _BURSTS * steps.size or np.median(end - begin) > _MOST_AT_ONCE:
+        return poses, []
+    longest = max(_BREAK, 5.0 * mean, 1.5 * float(np.percentile(steps, 99.9)))
+    lines = _of_parts(seconds, longest, _through_bursts) or _of_parts(seconds, longest, _fitted)
+    moved = np.zeros(0) if lines is None else np.concatenate([line.stamps for _, line in lines])
+    ns = poses.stamps_ns[0] + np.round(moved * 1e9).astype(np.int64)
+    if lines is None or np.any(np.diff(ns) <= 0):
+        raise RecordingError(
+            f"poses come in bursts: the usual step of their stamps is {1e3 * float(np.median(steps)):.3g} ms, the mean "
+            f"{1e3 * mean:.3g} ms. These are times of arrival; record the stamps of the device that measures the poses",
+            file=poses.source,
+        )
+    late = float(np.std(moved - seconds))
+    interval = float(np.median([line.interval for _, line in lines]))
+    text = (
+        f"{poses.source.parent.name}: poses every {1e3 * interval:.5g} ms come in bursts; their stamps scatter about "
+        f"that by {1e3 * late:.2g} ms, and a straight line through them is used instead"
+    )
+    return replace(poses, stamps_ns=ns, lateness=late), [DataWarning("stamps", text)]
+
+
 def with_lateness(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarning]]:
     """Return poses with the lateness that comes from rounded stamps, if they are rounded, and the warning about it.
 
@@ -248,6 +292,19 @@ def _repeated_rows(imu: ImuSamples) -> bool:
     """Return whether a stamp occurs twice with the same readings: a row that was written twice."""
     same = np.flatnonzero(np.diff(imu.stamps_ns) == 0)
     return bool(same.size and (imu.rates[same + 1] == imu.rates[same]).all(axis=1).any())
+
+
+def _through_bursts(t: Array) -> _Line | None:
+    """Return the line through all stamps of a segment, or None where their means over seconds depart from it.
+
+    Medians of stamps that come at a few different latenesses would jump from one to another.
+    """
+    number = np.arange(t.size)
+    slope, first = np.polyfit(number, t, 1)
+    size = max(20, round(_BLOCK / slope))
+    left = (t - first - slope * number)[: t.size // size * size].reshape(-1, size).mean(axis=1)
+    straight = left.size > 0 and np.abs(left).max() < _OFF_LINE * slope
+    return _Line(number, float(first), float(slope)) if straight else None
 
 
 def _fitted(t: Array) -> _Line | None:

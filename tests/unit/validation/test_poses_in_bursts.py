@@ -1,0 +1,52 @@
+"""Poses with stamps of arrival in bursts: those of regular sampling, or a message."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kreisel.errors import RecordingError
+from kreisel.recording.recording import ReferencePoses
+from kreisel.validation.sampling import evenly_stamped
+
+STEP = 8_000_000
+
+
+def poses(stamps: np.ndarray) -> ReferencePoses:
+    return ReferencePoses("pose0", stamps, np.zeros((stamps.size, 3)), None, Path("run") / "pose0" / "data.csv")
+
+
+def arrived(count: int, at_once: int, gap: int = 60_000) -> np.ndarray:
+    """Return stamps of a device that sends several poses at once, with a delay that scatters."""
+    number = np.arange(count)
+    last = STEP * (number // at_once * at_once + at_once - 1)
+    delay = np.random.default_rng(1).integers(0, 700_000, count // at_once + 1)[number // at_once]
+    return 10**12 + last + delay + gap * (number % at_once)
+
+
+@pytest.mark.parametrize("at_once", [2, 3, 4, 7])
+def test_poses_that_come_several_at_once_are_even_again(at_once):
+    reference = poses(arrived(4000, at_once))
+    found, (warning,) = evenly_stamped(reference)
+    steps = np.diff(found.stamps_ns)
+    assert np.abs(steps - STEP).max() < 2_000
+    assert "come in bursts" in warning.message
+    assert found.lateness == pytest.approx(1e-9 * STEP * np.std(np.arange(at_once)), rel=0.2)
+
+
+def test_poses_that_are_recorded_more_often_in_motion_stay():
+    steps = np.tile(np.concatenate([np.full(200, STEP), np.full(30, 100_000_000)]), 12)
+    reference = poses(np.cumsum(steps))
+    assert evenly_stamped(reference) == (reference, [])
+    late = STEP * np.arange(3000) + np.random.default_rng(3).integers(0, 5_000_000, 3000)
+    reference = poses(np.sort(late))
+    assert evenly_stamped(reference) == (reference, [])
+
+
+def test_bursts_at_uneven_times_are_named():
+    begin = np.cumsum(np.random.default_rng(2).exponential(3e7, 800)).astype(np.int64)
+    reference = poses(np.sort((begin[:, None] + 50_000 * np.arange(4)).ravel()))
+    reference = replace(reference, stamps_ns=np.unique(reference.stamps_ns))
+    with pytest.raises(RecordingError, match=r"poses come in bursts: the usual step of their stamps is 0\.05 ms"):
+        evenly_stamped(reference)
