@@ -20,6 +20,7 @@ from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, angle
 from kreisel.synchronization.clock import MAX_SKEW, Clock
 from kreisel.synchronization.fits import Correlation
 from kreisel.units import DEG
+from kreisel.validation.stamp_checks import runs
 
 MIN_CORRELATION = 0.6
 """Smallest correlation coefficient of two streams of the same motion."""
@@ -68,9 +69,16 @@ _GAP = 0.3
 """s without poses or samples, and several intervals, over which a norm is not known. Chosen: five windows of the
 average, 0.06 s; between poses that are farther apart a part of a move is missing."""
 
+_LONGER = 100.0
+"""Times the other's duration up to which a recording is searched for it. Chosen: the search takes minutes beyond."""
+
 _BURST = 0.3
 """Of the usual span of a window: poses that follow each other faster have waited, and are stamped late. Chosen: jitter
 of stamps shortens a window of several poses by less."""
+
+
+_IN_MOTION = 20
+"""Steps one after the other that are shorter than usual, by which they are no burst. Chosen: packets hold fewer."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +119,10 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     SynchronizationError
         If the two do not correlate at any shift and ratio; the message names the best coefficient.
     """
+    _check_durations(imu, reference)
     fine = max(0.01, 0.5 * reference.interval, float(imu.seconds[-1]) / _FINE_POINTS)
-    x, y = _norms(imu, reference, fine)
+    interval = _interval(reference)
+    x, y = _norms(imu, reference, fine, interval)
     if np.std(y.value) < 1e-3 * (1.0 + np.mean(np.abs(y.value))):
         why = (
             "poses were taken at standstills only, and none in between: clocks cannot be compared. Record poses during "
@@ -125,7 +135,7 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     found = _relation(imu, reference, x, y)
     if not found.coefficient >= _SURE and reference.quaternions is not None:
         # the quietest second may be no standstill
-        other = _relation(imu, reference, _of_imu(imu, reference, fine, at_rest=False), y)
+        other = _relation(imu, reference, _of_imu(imu, reference, fine, _window(interval), at_rest=False), y)
         found = max(found, other, key=lambda one: np.nan_to_num(one.coefficient))
     if not found.coefficient >= MIN_CORRELATION:
         raise SynchronizationError(
@@ -135,6 +145,18 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
             correlation=found.coefficient,
         )
     return found
+
+
+def _check_durations(imu: ImuSamples, reference: ReferencePoses) -> None:
+    """Raise an error where one lasts far longer than the other, and their stamps do not say which part is common."""
+    seconds = float(reference.seconds[-1]), float(imu.seconds[-1])
+    begin = max(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
+    common = 1e-9 * (min(int(imu.stamps_ns[-1]), int(reference.stamps_ns[-1])) - begin)
+    if max(seconds) > _LONGER * min(seconds) and common < 0.5 * min(seconds):
+        raise SynchronizationError(
+            f"{reference.source}: the poses last {seconds[0]:.4g} s, the readings {seconds[1]:.4g} s, and by their "
+            "stamps they do not fit each other: correct the unit of the stamps, or cut the longer one to the run"
+        )
 
 
 def _relation(imu: ImuSamples, reference: ReferencePoses, x: _Norm, y: _Norm) -> Correlation:
@@ -205,22 +227,40 @@ def _differ(reference: ReferencePoses) -> bool:
     return turned or (p is not None and float(np.ptp(p, axis=0).max()) > 0.01)
 
 
-def _norms(imu: ImuSamples, reference: ReferencePoses, step: float) -> tuple[_Norm, _Norm]:
-    """Return the norms of IMU and reference, each on an even grid and smoothed in the same way."""
+def _norms(imu: ImuSamples, reference: ReferencePoses, step: float, interval: float) -> tuple[_Norm, _Norm]:
+    """Return the norms of IMU and reference, each on an even grid and smoothed in the same way.
+
+    interval: between poses in motion, s.
+    """
     moved = _turning if reference.quaternions is not None else _accelerating
-    return _of_imu(imu, reference, step), _even(*moved(reference, _window(reference)), step, 0.0)
+    tau, norm = moved(reference, _window(interval), interval)
+    if tau.size < 2:
+        raise SynchronizationError(
+            f"{reference.source}: the stamps of the poses come in bursts, as times of arrival do: record those of the "
+            "device that measures the poses"
+        )
+    return _of_imu(imu, reference, step, _window(interval)), _even(tau, norm, step, 0.0)
 
 
-def _window(reference: ReferencePoses) -> float:
-    return max(0.06, 2.0 * reference.interval)
+def _interval(reference: ReferencePoses) -> float:
+    """Return the usual interval between poses, s; that in motion, where most are recorded less often at rest."""
+    steps = np.diff(reference.seconds)
+    short = steps < _BURST * reference.interval
+    begin, end = runs(short)
+    return float(np.median(steps[short])) if begin.size and np.median(end - begin) > _IN_MOTION else reference.interval
 
 
-def _of_imu(imu: ImuSamples, reference: ReferencePoses, step: float, *, at_rest: bool = True) -> _Norm:
+def _window(interval: float) -> float:
+    return max(0.06, 2.0 * interval)
+
+
+def _of_imu(
+    imu: ImuSamples, reference: ReferencePoses, step: float, window: float, *, at_rest: bool = True
+) -> _Norm:  # fmt: skip
     """Return the norm of the readings that compares with a reference, on an even grid.
 
     at_rest: whether the quietest second shows the gyros' offsets, which are taken for zero otherwise.
     """
-    window = _window(reference)
     if reference.quaternions is not None:
         bias = np.median(imu.rates[quietest_second(imu)], axis=0) if at_rest else np.zeros(3)
         return _even_norm(imu.seconds, imu.rates, bias, 0.0, step, window)
@@ -228,28 +268,28 @@ def _of_imu(imu: ImuSamples, reference: ReferencePoses, step: float, *, at_rest:
     return _even_norm(imu.seconds, imu.accelerations, np.zeros(3), usual, step, 2.0 * window)
 
 
-def _turning(reference: ReferencePoses, window: float) -> tuple[Array, Array]:
+def _turning(reference: ReferencePoses, window: float, interval: float) -> tuple[Array, Array]:
     """Return the reference's rate norm over a window, rad/s, and the middles of the windows."""
     q, tau = reference.quaternions, reference.seconds
     assert q is not None  # noqa: S101 - for the type checker; the caller checked
-    stride = max(1, round(window / reference.interval))
+    stride = max(1, round(window / interval))
     span = tau[stride:] - tau[:-stride]
-    usual = stride * reference.interval
+    usual = stride * interval
     near = (span < max(3.0 * usual, _GAP)) & (span > _BURST * usual)
     return (0.5 * (tau[stride:] + tau[:-stride]))[near], (angles_over(q, stride) / span)[near]
 
 
-def _accelerating(reference: ReferencePoses, window: float) -> tuple[Array, Array]:
+def _accelerating(reference: ReferencePoses, window: float, interval: float) -> tuple[Array, Array]:
     """Return the times, and by how much the norm of the reference's specific force differs from gravity, m/s^2."""
     p, tau = reference.positions, reference.seconds
     assert p is not None  # noqa: S101 - a reference has one of the two
-    stride = max(1, round(2.0 * window / reference.interval))
+    stride = max(1, round(2.0 * window / interval))
     span = tau[stride:] - tau[:-stride]
     speed = (p[stride:] - p[:-stride]) / span[:, None]
     accel = 2.0 * (speed[stride:] - speed[:-stride]) / (span[stride:] + span[:-stride])[:, None]
     # up is assumed along the reference's z; a tilt changes little in a norm dominated by gravity
     moved = np.abs(lengths(accel + np.array([0.0, 0.0, 9.8])) - 9.8)
-    apart = np.minimum(span[stride:], span[:-stride]) > _BURST * stride * reference.interval
+    apart = np.minimum(span[stride:], span[:-stride]) > _BURST * stride * interval
     return tau[stride:-stride][apart], moved[apart]
 
 

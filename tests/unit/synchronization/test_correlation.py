@@ -90,6 +90,34 @@ def test_a_reference_at_rest_is_refused(half: str) -> None:
         correlate(r.imu, replace(r.reference, **still))
 
 
+def test_poses_that_are_recorded_less_often_at_rest() -> None:
+    """Those at rest are the most, and the usual interval is theirs."""
+    r = simulated()
+    moving, rng = r.reference, np.random.default_rng(2)
+    rest = 10**8 * np.arange(1, moving.stamps_ns.size + 100)
+    stamps = np.concatenate([moving.stamps_ns, moving.stamps_ns[-1] + rest])
+    p, q = (np.concatenate([x, np.repeat(x[-1:], rest.size, axis=0)]) for x in (moving.positions, moving.quaternions))
+    reference = replace(moving, stamps_ns=stamps, positions=p, quaternions=q)
+    assert reference.interval == pytest.approx(0.1)
+    still = round(rest[-1] * 1e-9 / r.imu.interval)
+    w, a = (
+        np.vstack([x, x[-100:].mean(axis=0) + rng.normal(0.0, 1e-3, (still, 3))])
+        for x in (r.imu.rates, r.imu.accelerations)
+    )
+    later = r.imu.stamps_ns[-1] + round(1e9 * r.imu.interval) * np.arange(1, still + 1)
+    imu = replace(r.imu, stamps_ns=np.append(r.imu.stamps_ns, later), rates=w, accelerations=a)
+    assert offset(imu, reference) == pytest.approx(TRUE_OFFSET, abs=0.03)
+
+
+def test_stamps_that_last_a_hundred_times_as_long_are_refused_at_once() -> None:
+    r = simulated()
+    stamps = 7 * 10**15 + 1000 * (r.reference.stamps_ns - r.reference.stamps_ns[0])
+    with pytest.raises(
+        SynchronizationError, match=r"the poses last 3.99e\+04 s, the readings 40 s, and by their stamps"
+    ):
+        correlate(r.imu, replace(r.reference, stamps_ns=stamps))
+
+
 def test_what_has_nothing_in_common_is_refused_with_the_coefficient() -> None:
     r = simulated()
     noise = np.random.default_rng(4).normal(0.0, 0.3, r.imu.rates.shape)
