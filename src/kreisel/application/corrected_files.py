@@ -13,7 +13,7 @@ from kreisel.application.unit_check import check_units
 from kreisel.calibration.result import Calibration
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.files import open_fresh
-from kreisel.formats.folder import is_folder, read_imu_table
+from kreisel.formats.folder import imus_in, is_folder, read_imu_table
 from kreisel.formats.input_formats import SUFFIXES, InputFormat, format_of
 from kreisel.formats.loading import mapped_recording, not_a_recording
 from kreisel.formats.mapped import settings_beside
@@ -85,17 +85,19 @@ def apply_to_file(
     topic
         Name of the further topic.
     force
-        Do not check whether the readings' units are plausible.
+        Do not check whether the readings are in plausible units, and of the same device.
 
     Raises
     ------
     RecordingError
-        If the readings cannot be read, or what is to be written exists.
+        If the readings cannot be read or are of another device, or what is to be written exists.
     """
     if not raw.exists():
         raise RecordingError("no such file or folder; give a table, a folder, an .mcap file or a bag", file=raw)
     if out.exists():
         raise RecordingError("exists already; delete it, or give another name", file=out)
+    if not force:
+        _check_device(calibration, raw)
     out.parent.mkdir(parents=True, exist_ok=True)
     columns = list(columns)
     form = format_of(raw)
@@ -118,12 +120,29 @@ def apply_to_file(
             )
         return _to_table(calibration, samples, out, warnings)
     table = raw
+    others: tuple[str, ...] = ()
     if raw.is_dir():
         if not is_folder(raw):
             raise not_a_recording(raw)
         table = (raw if (raw / "imu0").is_dir() else raw / "mav0") / (imu or "imu0") / "data.csv"
         out = out if out.suffix.lower() == ".csv" else out / (imu or "imu0") / "data.csv"
-    return _table_to_table(calibration, table, out, progress, force=force)
+        if imu is None and len(several := imus_in(raw)) > 1:
+            others = (f"readings of imu0, the first of {len(several)} IMUs, were corrected; --imu names another",)
+    done = _table_to_table(calibration, table, out, progress, force=force)
+    return replace(done, warnings=(*others, *done.warnings))
+
+
+def _check_device(calibration: Calibration, raw: Path) -> None:
+    """Raise an error for readings of another device than the calibration's, if both have a serial number."""
+    inside = raw.parent.parent if raw.name == "data.csv" and raw.parent.name.startswith("imu") else raw
+    stated = settings_beside(inside).device.serial_number
+    own = None if calibration.recording is None else calibration.recording.device.get("serial_number")
+    if stated and own and stated != own:
+        raise RecordingError(
+            f"readings of the device with the serial number '{stated}', and the calibration is that of '{own}'; apply "
+            "that of the same device (--force applies this one)",
+            file=raw,
+        )
 
 
 def _is_plain(raw: Path, form: InputFormat | None) -> bool:
@@ -240,7 +259,7 @@ def _corrected(calibration: Calibration, raw: ImuSamples) -> tuple[Array, Array,
     rows = sampled_rows(raw)
     own = rows.samples
     try:
-        omega, f = calibration.correct(own.rates, own.accelerations, own.stamps_ns, own.temperature)
+        omega, f = calibration.correct(own.rates, own.accelerations, own.stamps_ns, own.temperature, check=False)
     except RecordingError as error:
         raise RecordingError(error.message, file=raw.source) from error
     notes = [f"{warning}; rows and their stamps are written as they were read" for warning in rows.warnings]

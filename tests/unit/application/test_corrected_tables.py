@@ -1,5 +1,6 @@
 """Tables of readings corrected: the same numbers as `Calibration.correct`, however they come; and what is refused."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from kreisel.application.corrected_files import apply_to_file, apply_to_pipe, check_usable
 from kreisel.application.corrected_tables import CorrectedTable
 from kreisel.application.unit_check import check_units
-from kreisel.calibration.result_sections import Verdict
+from kreisel.calibration.result_sections import RecordingFacts, Verdict
 from kreisel.errors import RecordingError, SettingsError
 from kreisel.recording.recording import ImuSamples
 
@@ -166,6 +167,29 @@ def test_folders_and_files_of_a_recording(tmp_path):
         apply_to_file(TOOL, tmp_path / "rec", tmp_path / "out.csv")
     with pytest.raises(RecordingError, match="no such file or folder"):
         apply_to_file(TOOL, tmp_path / "none", tmp_path / "x")
+
+
+def test_readings_of_another_device_are_refused_unless_forced(tmp_path):
+    (tmp_path / "rec" / "imu0").mkdir(parents=True)
+    (tmp_path / "rec" / "imu0" / "data.csv").write_bytes(table())
+    (tmp_path / "rec" / "recording.toml").write_text('[device]\nserial_number = "B"\n')
+    facts = RecordingFacts("r", "", 1, 1.0, 0, 1.0, device={"serial_number": "A"})
+    other = replace(TOOL, recording=facts)
+    for k, raw in enumerate((tmp_path / "rec", tmp_path / "rec" / "imu0" / "data.csv")):
+        with pytest.raises(RecordingError, match="serial number 'B', and the calibration is that of 'A'"):
+            apply_to_file(other, raw, tmp_path / f"out{k}")
+        assert apply_to_file(other, raw, tmp_path / f"out{k}", force=True).samples
+    own = replace(TOOL, recording=replace(facts, device={"serial_number": "B"}))
+    assert apply_to_file(own, tmp_path / "rec", tmp_path / "own.csv").samples
+
+
+def test_which_of_several_imus_was_corrected_is_said(tmp_path):
+    for name in ("imu0", "imu1"):
+        (tmp_path / "rec" / name).mkdir(parents=True)
+        (tmp_path / "rec" / name / "data.csv").write_bytes(table())
+    (said,) = apply_to_file(TOOL, tmp_path / "rec", tmp_path / "a").warnings
+    assert said == "readings of imu0, the first of 2 IMUs, were corrected; --imu names another"
+    assert not apply_to_file(TOOL, tmp_path / "rec", tmp_path / "b", imu="imu1").warnings
 
 
 def test_a_fault_leaves_nothing_behind(tmp_path):
