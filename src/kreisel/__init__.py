@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from kreisel.calibration.method_comparison import compare_methods
     from kreisel.calibration.own_estimator import Estimates, Estimator, Measurements
     from kreisel.calibration.result import Calibration
+    from kreisel.errors import KreiselError
     from kreisel.formats.loading import load
     from kreisel.model.calibration_settings import CalibrationSettings
     from kreisel.recording.recording import Recording
@@ -38,6 +39,7 @@ __all__ = [
     "CalibrationSettings",
     "Estimates",
     "Estimator",
+    "KreiselError",
     "Measurements",
     "Recording",
     "__version__",
@@ -54,6 +56,7 @@ _HOMES = {
     "CalibrationSettings": "kreisel.model.calibration_settings",
     "Estimates": "kreisel.calibration.own_estimator",
     "Estimator": "kreisel.calibration.own_estimator",
+    "KreiselError": "kreisel.errors",
     "Measurements": "kreisel.calibration.own_estimator",
     "Recording": "kreisel.recording.recording",
     "calibrate": "kreisel.calibration.calibrate",

@@ -54,7 +54,7 @@ class CorrectedTable:
         self._check, self._warm = check, follows_temperature(calibration.sensors.effects)
         self._counts = calibration.counts
         self._first: list[ImuRows] = []
-        self._lines, self._stream = ImuLines(source, packets=corrected is not None), calibration.stream()
+        self._lines, self._stream = ImuLines(source, packets=corrected is not None), calibration.stream(check=False)
         self._waiting: deque[tuple[str, str]] = deque()
         self._source, self._header_written = source, False
         self._corrected = corrected

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
+from kreisel.calibration.array_checks import check_recording
 from kreisel.calibration.assembly import Assessment, assemble
 from kreisel.calibration.cross_validation import cross_validate
 from kreisel.calibration.evidence import (
@@ -94,6 +95,9 @@ def calibrate(
     KreiselError
         If the recording cannot be used; the message says what, where and what to do.
     """
+    check_recording(recording)
+    if not isinstance(settings, CalibrationSettings | None):
+        raise SettingsError(f"settings: got {type(settings).__name__}, expected CalibrationSettings(…)")
     with shown(progress) as show:
         outcome = run_calibration(recording, settings or CalibrationSettings(), show, budget=True)
     return replace(outcome.calibration, updates=outcome.estimate.run.history)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kreisel.calibration.array_checks import check_recording
 from kreisel.calibration.assembly import Assessment, assemble
 from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.fusion import Fused, fuse
@@ -89,6 +90,9 @@ def calibrate_joint(
     KreiselError
         If fewer than two of them can be used; the message says why.
     """
+    for recording in recordings:
+        check_recording(recording)
+    common = (common,) if isinstance(common, str) else tuple(common)
     unknown = [word for word in common if word not in SHARED]
     if unknown:
         raise SettingsError(unknown_name("thing in common", unknown[0], SHARED))

@@ -10,6 +10,7 @@ from contextlib import redirect_stdout
 import numpy as np
 
 from kreisel._kernels.strapdown_pass import strapdown_seconds
+from kreisel.calibration.array_checks import check_recording
 from kreisel.calibration.by_method import ByMethod, Comparison, parameters_in
 from kreisel.calibration.calibrate import ESTIMATORS, run_calibration
 from kreisel.calibration.cross_validation import drift_of, first_part
@@ -23,7 +24,7 @@ from kreisel.calibration.own_estimator import (
     measurements_of,
     parameters_of_own,
 )
-from kreisel.errors import KreiselError
+from kreisel.errors import KreiselError, SettingsError
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.problem import Problem
 from kreisel.preparation.build_problem import build_problem
@@ -55,6 +56,10 @@ def compare_methods(
     truth
         True values by the parameters' paths in the result file, where they are known.
     """
+    check_recording(recording)
+    methods = [methods] if isinstance(methods, str) else list(methods)
+    if not methods:
+        raise SettingsError("methods: none is given, expected names of estimators, or own ones")
     with shown(progress) as show:
         found = tuple(
             _calibrated(recording, one, show, executor) if isinstance(one, str) else _own(recording, one, executor)

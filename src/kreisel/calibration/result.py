@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -14,7 +15,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from kreisel._kernels.decimal_rows import write_rows
-from kreisel.calibration.array_checks import elapsed_seconds, temperature_difference_of, triads
+from kreisel.calibration.array_checks import check_si, elapsed_seconds, temperature_difference_of, triads
 from kreisel.calibration.data_sheet import QUANTITIES, derive, of_parameters
 from kreisel.calibration.device_axes import NAMES, check_axes, clean, device_triads, expressed, with_vector
 from kreisel.calibration.result_document import READ, from_document, to_document
@@ -38,8 +39,11 @@ _MAX_ARRAYS = 1 << 26
 """Bytes of the arrays of a result, 64 MiB. Chosen: a covariance of a thousand parameters has 8 MB, and no result has so
 many; a file that is no result must not take all memory before it is refused."""
 
+_MAX_HISTORY = 1 << 28
+"""Bytes of the estimates over time that are read. Chosen: ten minutes with 200 parameters have 5 MB."""
 
-@dataclass(frozen=True, repr=False)
+
+@dataclass(frozen=True, repr=False, eq=False)
 class Calibration(CalibrationParts):
     """A calibration: the content of `calibration.yaml`, and the arrays that are too large for it.
 
@@ -93,6 +97,8 @@ class Calibration(CalibrationParts):
         accelerations: ArrayLike,
         timestamps: ArrayLike,
         temperatures: ArrayLike | None = None,
+        *,
+        check: bool = True,
     ) -> tuple[Array, Array]:
         """Return angular rate and specific force of b, (n, 3) each, from raw readings.
 
@@ -106,11 +112,14 @@ class Calibration(CalibrationParts):
             seconds. Seconds since 1970 as floats resolve 0.2 us only: give nanoseconds, or seconds since the start.
         temperatures : (n,)
             Of the sensor, degrees Celsius; needed where the calibration has temperature coefficients.
+        check
+            Whether readings must be plausible in these units.
 
         Raises
         ------
         RecordingError
-            If an argument has another shape or is not finite, or if timestamps do not ascend or are in another unit;
+            If an argument has another shape or is not finite, if timestamps do not ascend, or if readings or
+            timestamps seem to be in another unit;
             the message begins with the argument's name.
         """
         raw, a = triads(rates, "rates"), triads(accelerations, "accelerations")
@@ -118,6 +127,8 @@ class Calibration(CalibrationParts):
             raise RecordingError(f"accelerations: got the shape {a.shape}, expected {raw.shape} as of rates")
         if self.counts is not None:
             raw, a = self.counts.in_si(raw, a)
+        if check:
+            check_si(raw, a)
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
         temperature_difference = temperature_difference_of(temperatures, len(raw), self.sensors, self._temperature)
         out = corrected(Block(seconds, raw, a, temperature_difference), self.sensors, self.size_effect)
@@ -168,9 +179,12 @@ class Calibration(CalibrationParts):
             updates=None,
         )
 
-    def stream(self) -> CorrectedStream:
-        """Return an object that corrects readings as they come; see `calibration.stream_correction`."""
-        return CorrectedStream(self.sensors, self.size_effect, self._temperature, self.counts)
+    def stream(self, *, check: bool = True) -> CorrectedStream:
+        """Return an object that corrects readings as they come; see `calibration.stream_correction`.
+
+        check: whether stamps must come at a rate that IMUs have.
+        """
+        return CorrectedStream(self.sensors, self.size_effect, self._temperature, self.counts, check=check)
 
     @property
     def counts(self) -> Counts | None:
@@ -191,10 +205,22 @@ class Calibration(CalibrationParts):
     def save(self, folder: str | Path) -> None:
         """Write `calibration.yaml`, `estimates.csv`, `covariance.npz`, `robot_calibrated.urdf` into a folder.
 
-        They replace an earlier result and its report, all at once; other files in the folder are kept.
+        They replace an earlier result and its report, all at once; other files in the folder are kept, and so is the
+        report of the same result.
+
+        Raises
+        ------
+        SettingsError
+            If the folder is a file.
         """
-        with replaced_together(Path(folder), RESULT_FILES) as writing:
+        place = Path(folder)
+        if place.exists() and not place.is_dir():
+            raise SettingsError(f"{place} is a file; give a folder for the result")
+        with replaced_together(place, RESULT_FILES) as writing:
             self.write(writing)
+            old, report = place / "calibration.yaml", place / "report.html"
+            if report.is_file() and old.is_file() and old.read_bytes() == (writing / old.name).read_bytes():
+                shutil.copy2(report, writing / report.name)
 
     def write(self, folder: Path) -> None:
         """Write the files of `save` into an empty folder."""
@@ -226,14 +252,37 @@ class Calibration(CalibrationParts):
         extra = file.parent / "covariance.npz"
         if not extra.is_file():
             return cls(**values)
-        _check_size(extra)
-        with np.load(extra) as data:
-            names = tuple(str(name) for name in data["names"])
-            estimates = np.zeros((0, 1 + 2 * len(names)))
-            covariance, prior = data["covariance"], data["prior_deviation"]
+        names, covariance, prior = _read_covariance(extra)
         if not parts.triads and parts.axes == "tool":
             values["triads"] = device_triads(parts.sensors, parts.sensor_sd, names, covariance)
-        return cls(**values, names=names, covariance=covariance, prior_deviation=prior, estimates=estimates)
+        return cls(
+            **values,
+            names=names,
+            covariance=covariance,
+            prior_deviation=prior,
+            estimates=_read_estimates(file.parent / "estimates.csv", len(names)),
+            robot_urdf=_read_urdf(file.parent / "robot_calibrated.urdf"),
+        )
+
+
+def _read_estimates(file: Path, count: int) -> Array:
+    """Return the history of so many parameters, (updates, 1 + 2 count); no rows where it is missing or another's."""
+    none = np.zeros((0, 1 + 2 * count))
+    if not file.is_file() or file.stat().st_size > _MAX_HISTORY:
+        return none
+    try:
+        found = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2) if file.stat().st_size else none
+    except (OSError, ValueError):
+        return none
+    return found if found.shape[1:] == none.shape[1:] else none
+
+
+def _read_urdf(file: Path) -> str | None:
+    """Return the description with estimated errors; None where there is none, or no text."""
+    try:
+        return read_text(file, MAX_YAML) if file.is_file() else None
+    except (OSError, UnicodeDecodeError):
+        return None
 
 
 def result_file(path: Path) -> Path:
@@ -266,6 +315,17 @@ def _read_parts(file: Path) -> CalibrationParts:
         raise RecordingError(
             f"incomplete or changed: {error}; write it again with `kreisel calibrate`", file=file
         ) from error
+
+
+def _read_covariance(archive: Path) -> tuple[tuple[str, ...], Array, Array]:
+    """Return names, covariance and deviations before the data."""
+    _check_size(archive)
+    try:
+        with np.load(archive) as data:
+            names = tuple(str(name) for name in data["names"])
+            return names, data["covariance"], data["prior_deviation"]
+    except (KeyError, ValueError, OSError) as error:
+        raise RecordingError(f"not the arrays of a result ({error}); copy the result again", file=archive) from error
 
 
 def _check_size(archive: Path) -> None:

@@ -359,7 +359,7 @@ class JointFacts:
     differing: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CalibrationParts:
     """The content of `calibration.yaml`.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kreisel.calibration.array_checks import check_ascending, temperature_difference_of, triads
+from kreisel.calibration.array_checks import check_ascending, check_nanoseconds, temperature_difference_of, triads
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block, Correction
@@ -22,6 +22,8 @@ class CorrectedStream:
     ----------
     sensors, form, temperature_c
         Of the calibration; the temperature that the parameters belong to, degrees Celsius, where they need it.
+    check
+        Whether stamps must come at a rate that IMUs have.
 
     Notes
     -----
@@ -29,9 +31,11 @@ class CorrectedStream:
     """
 
     def __init__(
-        self, sensors: SensorParameters, form: SizeEffect, temperature_c: float | None, counts: Counts | None = None
-    ) -> None:
+        self, sensors: SensorParameters, form: SizeEffect, temperature_c: float | None, counts: Counts | None = None,
+        *, check: bool = True,
+    ) -> None:  # fmt: skip
         self._sensors, self._temperature, self._counts = sensors, temperature_c, counts
+        self._check = check
         self._correction = Correction(sensors, form)
         self._waiting: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self._first: int | None = None
@@ -69,6 +73,8 @@ class CorrectedStream:
             )
         stamps = stamps.astype(np.int64)
         check_ascending(np.concatenate([self._last, stamps]), "stamps_ns")
+        if self._check:
+            check_nanoseconds(np.concatenate([self._last, stamps]), "stamps_ns")
         temperature_difference = temperature_difference_of(temperatures, len(raw), self._sensors, self._temperature)
         if not len(raw):
             return self._stamped(self._correction.push(Block(np.zeros(0), raw, a, temperature_difference)))

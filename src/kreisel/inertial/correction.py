@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -96,7 +95,7 @@ class Correction:
 
     def __init__(self, sensors: SensorParameters, form: SizeEffect) -> None:
         self._later = REACH if reaches_further(sensors.others) else 0
-        self._correct: Callable[[Block, float | None], Block] = lambda raw, usual: corrected(raw, sensors, form, usual)
+        self._sensors, self._form = sensors, form
         self._kept: Block | None = None
         self._returned = 0  # of those kept
         self._usual: float | None = None
@@ -117,7 +116,7 @@ class Correction:
         nothing = Block(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)))
         if self._kept is None or end <= self._returned:
             return nothing
-        out = self._correct(self._kept, self._usual).part(self._returned, end)
+        out = corrected(self._kept, self._sensors, self._form, self._usual).part(self._returned, end)
         begin = max(end - SAMPLES - self._later, 0)
         self._kept, self._returned = self._kept.part(begin), end - begin
         return out

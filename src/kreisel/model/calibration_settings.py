@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -118,6 +119,8 @@ class CalibrationSettings:
         priors: Mapping[str, Any] | tuple[Known, ...] = (),
     ) -> None:
         _check_choices(estimator, sigma_points, size_effect, only, use)
+        if skew not in (None, True, False):
+            raise SettingsError(f"skew = {skew!r}; expected True, False or None")
         _check_numbers(polynomial_order, update_interval, passes)
         groups, single = _parts_of_fixed(fixed)
         known = {one[0]: one for one in known_parameters(priors or {}, polynomial_order, "priors")}
@@ -195,6 +198,8 @@ def _check_choices(
 ) -> None:
     if estimator is not None and estimator not in ESTIMATORS:
         raise SettingsError(unknown_name("estimator", estimator, ESTIMATORS))
+    if sigma_points is not None and estimator not in (None, "spkf"):
+        raise SettingsError(f"sigma_points = {sigma_points!r} are for the estimator spkf, and {estimator} has its own")
     if sigma_points is not None and sigma_points not in WEIGHTS:
         raise SettingsError(unknown_name("choice of sigma points", sigma_points, WEIGHTS))
     if size_effect not in list(SizeEffect):
@@ -206,6 +211,11 @@ def _check_choices(
 
 
 def _check_numbers(order: int, interval: float | None, passes: int | None) -> None:
+    for name, value, kind in (
+        ("polynomial_order", order, Integral), ("update_interval", interval, Real), ("passes", passes, Integral),
+    ):  # fmt: skip
+        if value is not None and (isinstance(value, bool) or not isinstance(value, kind)):
+            raise SettingsError(f"{name} = {value!r}; expected a {'whole ' if kind is Integral else ''}number")
     if not 1 <= order <= 5:
         raise SettingsError(f"polynomial order {order}; expected 1 to 5")
     if interval is not None and not 0.005 <= interval <= 10.0:

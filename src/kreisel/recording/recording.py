@@ -72,7 +72,7 @@ NO_REFERENCE = "reference"
 """Subject of what is said of a recording without a reference that may have one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ImuSamples:
     """Raw readings on the IMU's clock.
 
@@ -142,7 +142,7 @@ class ImuSamples:
         return float(np.median(np.diff(self.stamps_ns))) * 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReferencePoses:
     """Poses of the body b in the reference frame r, on the reference's clock.
 
@@ -201,7 +201,7 @@ class ReferencePoses:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointAngles:
     """Joint angles (m, joints) in rad, on the robot's clock; `rows` as of `ImuSamples`."""
 
@@ -221,7 +221,7 @@ class JointAngles:
         return replace(self, stamps_ns=self.stamps_ns[keep], angles=self.angles[keep], rows=rows)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TableAngles:
     """Angles of a turntable (m,) in rad, over whole turns, on its own clock.
 
@@ -256,7 +256,7 @@ _NO_ROBOT = ("vicon", "leica", "state_groundtruth", "mocap")
 """Starts of the names of references that are not robots."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """All data of one run of the cell.
 

@@ -21,7 +21,7 @@ from kreisel.units import STANDARD_GRAVITY
 from kreisel.validation.finite_values import check_finite
 from kreisel.validation.masking import CHANNELS, without_faults, without_repeats
 
-_COLDEST, _HOTTEST = -80.0, 200.0
+COLDEST, HOTTEST = -80.0, 200.0
 """Degrees Celsius, of a sensor that works."""
 
 _SPIKED = 1e-3
@@ -70,7 +70,7 @@ def check_temperature(imu: ImuSamples) -> None:
         return
     check_finite(imu.temperature[:, None], ("temperature",), imu)
     low, high = float(imu.temperature.min()), float(imu.temperature.max())
-    if not (low > _COLDEST and high < _HOTTEST):
+    if not (low > COLDEST and high < HOTTEST):
         raise RecordingError(
             f"temperature from {low:.4g} to {high:.4g} degrees Celsius; name its unit in the header, "
             "[degC] or [K], or leave the column out",

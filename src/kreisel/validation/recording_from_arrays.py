@@ -57,7 +57,8 @@ def from_arrays(
     temperature : (n,)
         Of the sensor, degrees Celsius.
     settings
-        Tables as in recording.toml, such as ``{"imu": {"grade": "fog-mems"}, "reference": {"kind": "mocap"}}``.
+        Tables as in recording.toml, such as ``{"imu": {"grade": "fog-mems"}, "reference": {"kind": "mocap"}}``. The
+        robot's description is given by `urdf`.
     urdf
         Text of the robot's description.
     name
@@ -66,8 +67,8 @@ def from_arrays(
     Raises
     ------
     RecordingError
-        For an argument of another shape, type or unit, or that is not finite (the message begins with its name), and
-        for all that is refused in files.
+        For an argument of another shape or type (the message begins with its name), and for all that is refused in
+        files. Rows that are not finite are left out, with a warning.
     """
     stamps = _stamps(imu_stamps, "imu_stamps", _SLOWEST_IMU)
     n = stamps.size
@@ -77,7 +78,7 @@ def from_arrays(
         _numbers(rates, "rates", n, 3),
         _numbers(accelerations, "accelerations", n, 3),
         ARRAYS / "imu",
-        HeaderUnits(rate="rad s^-1", acceleration="m s^-2"),
+        HeaderUnits(_time_unit(imu_stamps), rate="rad s^-1", acceleration="m s^-2"),
         temperature=warm,
     )
     reference = None
@@ -91,7 +92,7 @@ def from_arrays(
             None if positions is None else _numbers(positions, "positions", tau.size, 3),
             None if quaternions is None else _numbers(quaternions, "quaternions", tau.size, 4),
             ARRAYS / "reference",
-            HeaderUnits(length="m"),
+            HeaderUnits(_time_unit(pose_stamps), length="m"),
         )
     elif pose_stamps is not None:
         raise RecordingError("positions, quaternions: are missing; pose_stamps belong to them")
@@ -120,7 +121,7 @@ def _settings(given: RecordingSettings | Mapping[str, Any] | None) -> RecordingS
 
 def _numbers(values: ArrayLike, name: str, size: int, width: int | None) -> Array:
     """Return an argument as float64, (size,) or (size, width); any width if that is -1."""
-    _check_kind(values, name)
+    check_kind(values, name)
     try:
         out = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -138,7 +139,7 @@ def _numbers(values: ArrayLike, name: str, size: int, width: int | None) -> Arra
     return out
 
 
-def _check_kind(values: ArrayLike, name: str) -> None:
+def check_kind(values: ArrayLike, name: str) -> None:
     """Raise an error for arrays whose meaning would be lost."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         raise RecordingError(f"{name}: some values are masked; remove these rows")
@@ -148,13 +149,18 @@ def _check_kind(values: ArrayLike, name: str) -> None:
 
 def _stamps(values: ArrayLike, name: str, slowest: float = _SLOWEST_POSES) -> Stamps:
     """Return stamps in ns: of integers in ns, floats in s (steps up to `slowest`), or dates; NO_STAMP where none is."""
-    _check_kind(values, name)
+    check_kind(values, name)
     stamps = np.asarray(values)
     if stamps.ndim != 1 or stamps.size < 2:
         raise RecordingError(f"{name}: got the shape {stamps.shape}, expected (n,)")
     kind = stamps.dtype.kind
     if kind == "M":
         return np.where(np.isnat(stamps), NO_STAMP, stamps.astype("datetime64[ns]").astype(np.int64))
+    if kind == "O":
+        try:
+            return _stamps(stamps.astype("datetime64[ns]"), name, slowest)  # dates with a time zone are objects
+        except (TypeError, ValueError):
+            pass
     if kind not in "iuf":
         raise RecordingError(
             f"{name}: got values of type {stamps.dtype}, expected seconds as floats, nanoseconds as integers, or dates"
@@ -185,3 +191,8 @@ def _stamps(values: ArrayLike, name: str, slowest: float = _SLOWEST_POSES) -> St
             f"{name}: integers are nanoseconds, but the usual step is {step:.4g} ns; give seconds as floats"
         )
     return whole
+
+
+def _time_unit(stamps: ArrayLike) -> str:
+    """Return the unit in which stamps were given."""
+    return "s" if np.asarray(stamps).dtype.kind == "f" else "ns"

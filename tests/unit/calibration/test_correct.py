@@ -1,5 +1,7 @@
 """A calibration applied to arrays: units of timestamps, and what is no possible argument."""
 
+import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_document import from_document
+from kreisel.calibration.result_sections import RecordingFacts
 from kreisel.errors import RecordingError
 
 N = 400
@@ -68,7 +71,9 @@ def test_floats_since_1970_keep_a_fraction_of_a_microsecond(calibration: Calibra
         (np.array([5, 3, *range(6, 404)], dtype=np.uint64), "timestamps[1] = 3 does not follow timestamps[0] = 5"),
         (np.where(T[7] == T, np.nan, T), "timestamps[7] is nan; expected finite numbers"),
         (T.astype(str), "timestamps: got values of type <U"),
-        (T.astype("M8[s]"), "timestamps: got values of type datetime64[s]"),
+        (np.full(N, np.datetime64("NaT", "ns")), "timestamps: got values of type datetime64[ns]"),
+        ((1.7e9 + T).astype(np.float32), "timestamps["),
+        ((1e4 + T).astype(np.float32), "timestamps: float32 does not resolve steps of 0.00"),
     ],
 )
 def test_timestamps_that_cannot_be_are_refused(calibration: Calibration, stamps: Any, said: str) -> None:
@@ -86,9 +91,63 @@ def test_readings_that_cannot_be_are_refused(calibration: Calibration, name: str
         (good[:5], "got the shape (5, 3)"),
         ([[1.0], [1.0, 2.0]], "not an array of numbers"),
         ("none", "not an array of numbers"),
+        (good + 0j, "complex numbers"),
+        (np.ma.masked_array(good, good > 0.5), "some values are masked"),
     ):  # fmt: skip
         assert refusal(calibration, **{name: values}).startswith(f"{name}: {said}")
     assert refusal(calibration, **{name: holed}).startswith(f"{name}[5, 2] is inf; expected finite numbers")
+
+
+def test_readings_in_other_units_are_refused(calibration: Calibration) -> None:
+    assert refusal(calibration, rates=np.degrees(RATES)).endswith("is above 40 rad/s; are they in deg/s?")
+    assert refusal(calibration, accelerations=FORCES / 9.8).endswith("are they in g? Give m/s^2")
+    spiked = RATES.copy()
+    spiked[7] = 1e3
+    calibration.correct(spiked, FORCES, T)
+    calibration.correct(RATES[:50], 0.1 * FORCES[:50], T[:50])
+
+
+def test_dates_are_moments_too(calibration: Calibration) -> None:
+    dates = np.datetime64("2026-11-30T10:00:00", "ns") + STEP_NS * np.arange(N)
+    for a, b in zip(calibration.correct(RATES, FORCES, dates), calibration.correct(RATES, FORCES, T), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
+
+
+def test_a_stream_takes_nanoseconds_alone_and_can_be_kept(calibration: Calibration) -> None:
+    stamps = STEP_NS * np.arange(N)
+    with pytest.raises(RecordingError, match="integers are nanoseconds, but the usual step is 2500 ns"):
+        calibration.stream().push(RATES, FORCES, stamps // 1000)
+    stream = calibration.stream()
+    first = stream.push(RATES[:200], FORCES[:200], stamps[:200])
+    stream = pickle.loads(pickle.dumps(stream))
+    parts = [first, stream.push(RATES[200:], FORCES[200:], stamps[200:]), stream.close()]
+    np.testing.assert_allclose(
+        np.concatenate([part[2] for part in parts]), calibration.correct(RATES, FORCES, stamps)[1], rtol=0, atol=1e-9
+    )
+
+
+def test_temperatures_are_in_degrees_celsius(calibration: Calibration) -> None:
+    warm = {"temperature": [1e-5] * 3}
+    table = {"cross_coupling": np.eye(3).tolist(), "offset": [0.0] * 3}
+    arms = {"lever_arms": np.zeros((3, 3)).tolist()}
+    document: dict[str, Any] = {
+        "gyroscope": table | warm, "accelerometer": table | arms, "verdict": {"accepted": True},
+    }  # fmt: skip
+    facts = RecordingFacts("r", "", N, 400.0, 0, 1.0, temperature_c=25.0)
+    found = replace(Calibration(**vars(from_document(document))), recording=facts)
+    found.correct(RATES, FORCES, T, np.full(N, 30.0))
+    for given, said in (
+        (np.full(N, 303.0), "temperatures: 303 degC is that of no sensor"),
+        (["cold"] * N, "temperatures: not an array of numbers"),
+    ):
+        with pytest.raises(RecordingError, match=said):
+            found.correct(RATES, FORCES, T, given)
+
+
+def test_calibrations_are_compared_by_identity(calibration: Calibration) -> None:
+    assert calibration == calibration
+    assert calibration != replace(calibration)
+    assert len({calibration, replace(calibration)}) == 2
 
 
 def test_arrays_of_different_lengths_are_refused(calibration: Calibration) -> None:

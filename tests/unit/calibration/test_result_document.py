@@ -1,6 +1,7 @@
 """The result file: its published schema, its way there and back, and files of schema 1."""
 
 import json
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from kreisel.calibration.calibrate import run_calibration
 from kreisel.calibration.data_sheet import OF_SCHEMA_1, QUANTITIES
 from kreisel.calibration.result import Calibration
 from kreisel.calibration.result_document import from_document, to_document
-from kreisel.errors import RecordingError
+from kreisel.errors import RecordingError, SettingsError
+from kreisel.inertial.sensor_model import SizeEffect
 from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import check_known
 from kreisel.simulation.cell import simulate as simulate_cell
@@ -72,6 +74,35 @@ def test_there_and_back(calibration, tmp_path):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     assert loaded.verdict == calibration.verdict
     assert loaded.names == calibration.names
+    np.testing.assert_allclose(loaded.estimates, calibration.estimates, rtol=1e-6, atol=1e-8)
+    assert loaded.robot_urdf == calibration.robot_urdf
+
+
+def test_the_same_result_keeps_its_report_and_its_history(calibration, tmp_path):
+    calibration.save(tmp_path)
+    (tmp_path / "report.html").write_text("report")
+    before = (tmp_path / "estimates.csv").read_bytes().count(b"\n")
+    Calibration.load(tmp_path).save(tmp_path)
+    assert (tmp_path / "report.html").read_text() == "report"
+    assert (tmp_path / "estimates.csv").read_bytes().count(b"\n") == before > 1
+    replace(calibration, size_effect=SizeEffect.FOX2005).save(tmp_path)
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_history_of_another_result_is_not_read(calibration, tmp_path):
+    calibration.save(tmp_path)
+    for text in ("", "time [s]\n1\n2\n", "a\nb\n"):
+        (tmp_path / "estimates.csv").write_text(text)
+        assert Calibration.load(tmp_path).estimates.shape == (0, 1 + 2 * len(calibration.names))
+    np.savez(tmp_path / "covariance.npz", other=np.zeros(3))
+    with pytest.raises(RecordingError, match="not the arrays of a result"):
+        Calibration.load(tmp_path)
+
+
+def test_a_file_is_no_folder_for_a_result(calibration, tmp_path):
+    (tmp_path / "x").write_text("")
+    with pytest.raises(SettingsError, match="is a file; give a folder"):
+        calibration.save(tmp_path / "x")
 
 
 def test_schema_1_is_read(calibration, tmp_path):

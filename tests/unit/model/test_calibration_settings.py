@@ -99,3 +99,26 @@ def test_cubes_are_estimated_once():
         CalibrationSettings(polynomial_order=3, estimated=("gyro_cubic",))
     assert CalibrationSettings(polynomial_order=2, estimated=("gyro_cubic",)).estimated == ("gyro_cubic",)
     CalibrationSettings(polynomial_order=3, estimated=("gyro_cubic",), fixed=("gyro_polynomial",))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"polynomial_order": "2"}, "polynomial_order = '2'; expected a whole number"),
+        ({"polynomial_order": 2.0}, "polynomial_order = 2.0; expected a whole number"),
+        ({"polynomial_order": True}, "polynomial_order = True; expected a whole number"),
+        ({"passes": 2.5}, "passes = 2.5; expected a whole number"),
+        ({"update_interval": "0.1"}, "update_interval = '0.1'; expected a number"),
+        ({"skew": "no"}, "skew = 'no'; expected True, False or None"),
+        ({"estimator": "ekf", "sigma_points": "unscented"}, "are for the estimator spkf, and ekf has its own"),
+    ],
+)
+def test_values_of_another_type_are_refused(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(SettingsError) as error:
+        CalibrationSettings(**given)
+    assert said in str(error.value)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    settings = CalibrationSettings(polynomial_order=np.int64(2), update_interval=np.float32(0.5), passes=np.int32(3))
+    assert (settings.polynomial_order, settings.update_interval, settings.passes) == (2, 0.5, 3)

@@ -63,6 +63,7 @@ def test_frames_of_pandas():
         ({"imu_stamps": lambda x: x.astype(str)}, "imu_stamps: got values of type <U"),
         ({"imu_stamps": lambda x: x[:, None]}, "imu_stamps: got the shape"),
         ({"pose_stamps": lambda x: None}, "pose_stamps: are missing"),
+        ({"pose_stamps": lambda x: 1e-6 * (x - x[0])}, r"lasts .* s, imu .* s; they look like \[ms\]: give seconds"),
         ({"positions": lambda x: None, "quaternions": lambda x: None}, "positions, quaternions: are missing"),
         ({"rates": lambda x: np.degrees(x)}, r"they look like \[deg s\^-1\]; give them in rad/s"),
         ({"accelerations": lambda x: x / 9.81}, r"they look like \[g\]; give them in m/s\^2"),
