@@ -12,9 +12,9 @@ from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, lengths
 from kreisel.inertial.effects import follows_temperature
 from kreisel.inertial.sensor_model import SensorParameters
+from kreisel.recording.header import COLDEST, HOTTEST
 from kreisel.recording.recording import Recording
-from kreisel.validation.imu_checks import COLDEST, HOTTEST
-from kreisel.validation.recording_from_arrays import check_kind
+from kreisel.recording.user_arrays import check_kind
 
 _MIN_SAMPLES = 6
 """Minimum number of samples; rates are differentiated and integrated over them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -271,7 +272,9 @@ def _read_estimates(file: Path, count: int) -> Array:
     if not file.is_file() or file.stat().st_size > _MAX_HISTORY:
         return none
     try:
-        found = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2) if file.stat().st_size else none
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a header alone is a history without updates
+            found = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2)
     except (OSError, ValueError):
         return none
     return found if found.shape[1:] == none.shape[1:] else none

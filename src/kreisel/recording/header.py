@@ -55,6 +55,10 @@ def split_unit(text: str) -> tuple[str, str | None]:
     return text.strip(), None
 
 
+COLDEST, HOTTEST = -80.0, 200.0
+"""Degrees Celsius, of a sensor that works."""
+
+
 @dataclass(frozen=True)
 class HeaderUnits:
     """Units that a table's header states, each None where it states none, or where there is no header.

@@ -14,15 +14,12 @@ import numpy as np
 
 from kreisel.errors import RecordingError
 from kreisel.geometry.rotation import Array, lengths
-from kreisel.recording.header import UNITS
+from kreisel.recording.header import COLDEST, HOTTEST, UNITS
 from kreisel.recording.location import header_fault, wrong_unit
 from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
 from kreisel.units import STANDARD_GRAVITY
 from kreisel.validation.finite_values import check_finite
 from kreisel.validation.masking import CHANNELS, without_faults, without_repeats
-
-COLDEST, HOTTEST = -80.0, 200.0
-"""Degrees Celsius, of a sensor that works."""
 
 _SPIKED = 1e-3
 """Share of readings of a dead channel that may be spikes of the line. Chosen: one that works changes more often."""

@@ -17,6 +17,7 @@ from kreisel.recording.location import ARRAYS
 from kreisel.recording.nanoseconds import in_nanoseconds
 from kreisel.recording.recording import NO_STAMP, ImuSamples, JointAngles, Recording, ReferencePoses, Stamps
 from kreisel.recording.recording_settings import RecordingSettings, what_is_wrong
+from kreisel.recording.user_arrays import check_kind
 from kreisel.validation.checks import check_streams
 
 _SLOWEST_IMU, _SLOWEST_POSES, _FASTEST = 2.5, 100.0, 4e4
@@ -137,14 +138,6 @@ def _numbers(values: ArrayLike, name: str, size: int, width: int | None) -> Arra
         hint = "; transpose it" if out.ndim == 2 and out.shape[1] == size else ""
         raise RecordingError(f"{name}: got the shape {out.shape}, expected ({', '.join(map(str, shape))}){hint}")
     return out
-
-
-def check_kind(values: ArrayLike, name: str) -> None:
-    """Raise an error for arrays whose meaning would be lost."""
-    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
-        raise RecordingError(f"{name}: some values are masked; remove these rows")
-    if getattr(getattr(values, "dtype", None), "kind", "f") == "c":
-        raise RecordingError(f"{name}: complex numbers, expected real ones")
 
 
 def _stamps(values: ArrayLike, name: str, slowest: float = _SLOWEST_POSES) -> Stamps:
