@@ -100,7 +100,7 @@ def _facts(recording: Recording) -> dict[str, Any]:
 
     from kreisel.errors import KreiselError
     from kreisel.preparation.reference_noise import assumed_noise
-    from kreisel.preparation.standstill_search import find_standstills, imu_stillness
+    from kreisel.preparation.standstill_search import find_standstills, imu_stillness, may_be_held
     from kreisel.synchronization.correlation import correlate
 
     imu, reference = recording.imu, recording.reference
@@ -125,7 +125,9 @@ def _facts(recording: Recording) -> dict[str, Any]:
         try:
             found = correlate(imu, reference)
             noise = assumed_noise(recording.settings.reference, recording.reference_kind, reference)
-            standstills = find_standstills(imu_stillness(imu), reference, found.clock, noise)
+            standstills = find_standstills(
+                imu_stillness(imu, held=may_be_held(recording)), reference, found.clock, noise
+            )
             offset = found.clock.offset(int(imu.stamps_ns[0]), int(reference.stamps_ns[0]))
             facts["together"] = {
                 "correlation of rates": found.coefficient,

@@ -21,7 +21,7 @@ from kreisel.preparation.preparation import AccelerometerFit, Preparation
 from kreisel.preparation.reference_noise import assumed_noise, with_measured_jitter
 from kreisel.preparation.restarts import with_parts_in_place
 from kreisel.preparation.robot_errors import robot_model
-from kreisel.preparation.standstill_search import find_standstills, imu_stillness, standstill_outside
+from kreisel.preparation.standstill_search import find_standstills, imu_stillness, may_be_held, standstill_outside
 from kreisel.preparation.time_base import time_base_deviation, time_base_warning
 from kreisel.preparation.warnings import (
     misstated_warnings,
@@ -72,7 +72,10 @@ def prepare_recording(
     recording, reference, fit = compared.recording, compared.reference, compared.fit
     site, of_site = site_of(recording.settings.site)
     stillness, stamps = executor(
-        [partial(imu_stillness, recording.imu), partial(stamp_errors, compared.readings, reference, fit)]
+        [
+            partial(imu_stillness, recording.imu, held=may_be_held(recording)),
+            partial(stamp_errors, compared.readings, reference, fit),
+        ]
     )
     assumed = assumed_noise(recording.settings.reference, recording.reference_kind, reference)
     assumed = replace(assumed, stamp=max(assumed.stamp, stamps.deviation))

@@ -8,7 +8,7 @@ from kreisel.geometry.interpolation import continuous, running_mean
 from kreisel.geometry.rotation import Array, Mask, lengths
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import ImuStillness, OutsideStandstill, Standstill
-from kreisel.recording.recording import CHUNK, ImuSamples, ReferencePoses, chunks
+from kreisel.recording.recording import CHUNK, ImuSamples, Recording, ReferencePoses, chunks
 from kreisel.synchronization.clock import Clock
 from kreisel.validation.stamp_checks import runs
 
@@ -37,6 +37,11 @@ _NEVER_STILL = (0.06, 0.8)
 """rad/s and m/s^2: least and largest threshold of the scatter in a window, otherwise three times that of the quietest
 tenth. Chosen: with good sensors vibration of an arm at standstill must not count as motion; the scatter of a machine
 that never stands still must not count as a standstill."""
+
+
+_TREMOR = 0.01
+"""rad/s: scatter of rates slower than 25 Hz from which a device that may be held does not rest. Chosen: hands that rest
+on a table tremble by 0.02 to 0.1, and arms and tripods at rest sway by less than 0.003."""
 
 
 def find_standstills(
@@ -75,13 +80,23 @@ def standstill_outside(
     return OutsideStandstill(imu.rates[part].mean(axis=0), stop - start)
 
 
-def imu_stillness(imu: ImuSamples) -> ImuStillness:
-    """Return when the IMU stands still."""
+def may_be_held(recording: Recording) -> bool:
+    """Return whether a hand may hold the device: before cameras, without an arm's joint angles."""
+    return recording.reference_kind == "mocap" and recording.joints is None
+
+
+def imu_stillness(imu: ImuSamples, *, held: bool = False) -> ImuStillness:
+    """Return when the IMU stands still.
+
+    held: whether a hand may hold it, whose tremor is slow: it is motion, and no vibration of a device at rest.
+    """
     step = max(1, round(_WINDOW / _STEPS / imu.interval))
     rate, force = (_spread(values, step) for values in (imu.rates, imu.accelerations))
     limit_rate = np.clip(3.0 * np.percentile(rate, 10), _ALWAYS_STILL[0], _NEVER_STILL[0])
     limit_force = np.clip(3.0 * np.percentile(force, 10), _ALWAYS_STILL[1], _NEVER_STILL[1])
     still = np.asarray((rate < limit_rate) & (force < limit_force))
+    if held:
+        still &= _sway(imu.rates, step) < _TREMOR
     # the ends of the recording are as still as the first and the last whole window
     t = imu.seconds[_STEPS * step // 2 :: step][: still.size]
     return ImuStillness(np.concatenate([imu.seconds[:1], t, imu.seconds[-1:]]), np.pad(still, 1, mode="edge"))
@@ -99,6 +114,15 @@ def _spread(values: Array, step: int) -> Array:
     np.cumsum(sums, axis=0, out=sums)
     mean = (sums[_STEPS:] - sums[:-_STEPS]) / (_STEPS * step)
     return np.asarray(np.sqrt(np.maximum(mean[:, 3] - (mean[:, :3] ** 2).sum(axis=1), 0.0)))
+
+
+def _sway(rates: Array, step: int) -> Array:
+    """Return the standard deviation of what is slower than two steps, within windows of `_STEPS` steps, one apart."""
+    steps = len(rates) // step
+    mean = rates[: steps * step].reshape(-1, step, 3).mean(axis=1)
+    smooth = 0.5 * (mean[1:] + mean[:-1])
+    windows = np.lib.stride_tricks.sliding_window_view(smooth, _STEPS - 1, axis=0)
+    return np.asarray(np.sqrt(windows.var(axis=2).sum(axis=1)))
 
 
 def _reference_moving(reference: ReferencePoses, clock: Clock, t: Array, noise: ReferenceNoise) -> Mask:

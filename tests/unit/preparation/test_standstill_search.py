@@ -3,11 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from kreisel.model.assumed_noise import ReferenceNoise
 from kreisel.model.standstill import ImuStillness
-from kreisel.preparation.standstill_search import find_standstills
-from kreisel.recording.recording import ReferencePoses
+from kreisel.preparation.standstill_search import find_standstills, imu_stillness
+from kreisel.recording.recording import ImuSamples, ReferencePoses
 from kreisel.synchronization.clock import Clock
 
 NOISE = ReferenceNoise(1e-3, 1e-3, 1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 0.0)
@@ -46,3 +47,16 @@ def test_scatter_of_the_poses_does_not_end_a_rest():
     assert rested > 0.6 * MOVES * REST
     for rest in rests:
         assert np.ptp(s[(t >= rest.start) & (t <= rest.stop)]) < 2e-3
+
+
+@pytest.mark.parametrize(("hertz", "size", "rests"), [(5.0, 0.025, False), (8.0, 0.015, False), (60.0, 0.04, True)])
+def test_the_tremor_of_a_hand_is_no_rest_and_vibration_is(hertz, size, rests):
+    """A device that is held, or lies on a table that hums; what an arm holds rests in either case."""
+    t = 0.005 * np.arange(4000)
+    rng = np.random.default_rng(1)
+    w, a = rng.normal(0.0, 2e-3, (t.size, 3)), rng.normal(0.0, 0.02, (t.size, 3))
+    w[:, 1] += 2**0.5 * size * np.sin(2.0 * np.pi * hertz * t)
+    imu = ImuSamples(np.round(1e9 * t).astype(np.int64), w, a, Path("imu0"))
+    assert imu_stillness(imu, held=True).still[:50].all() == rests
+    assert imu_stillness(imu, held=True).still[:50].any() == rests
+    assert imu_stillness(imu).still[:50].all()
