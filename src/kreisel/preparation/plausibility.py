@@ -228,5 +228,10 @@ def _check_lengths(reference: ReferencePoses, fit: AccelerationFit, *, arm: bool
     for unit, factor in _LENGTHS.items():
         if 0.8 < scale / factor < 1.25:
             raise wrong_unit(reference, evidence, "length", 1.0 / factor, unit)
-    zeros = ", and the zeros of the arm's joints: one that is degrees off moves the tool so" if arm else ""
-    raise RecordingError(f"{evidence}, expected 1; check their unit and scale{zeros}", file=reference.source)
+    if arm:
+        more = ", and the zeros of the arm's joints: one that is degrees off moves the tool so"
+    else:
+        more = (
+            ", and whether a filter of the tracker is on: one that predicts from frame to frame exaggerates fast moves"
+        )
+    raise RecordingError(f"{evidence}, expected 1; check their unit and scale{more}", file=reference.source)
