@@ -16,6 +16,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.earth import normal_gravity
 from kreisel.inertial.slopes import usual_interval
 from kreisel.inertial.vibration import SLOW, missed_by_sampling, most_missed
+from kreisel.model.calibration_settings import CalibrationSettings
 from kreisel.model.parameters import DELAYS, SMOOTHINGS, walk_of
 from kreisel.model.problem import Problem, walked_variance
 from kreisel.preparation.gravity import ANOMALY_SD
@@ -35,6 +36,9 @@ _SMALL = 0.3
 _OFFSETS = ("gyro_offset", "accel_offset")
 
 _SERIES = "delay or smoothing are large for a model that is the first terms of a series;"
+
+_CRYSTALS = 2e-5
+"""Difference of the rates of two clocks, of which nothing is known. Chosen: crystals are within 10 to 30 ppm."""
 
 _CAREFUL = 300.0
 """How many stated latitudes are right for a wrong one."""
@@ -76,6 +80,11 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
             layout.degrees, layout["time_skew"], noise.lateness / max(float(np.ptp(run.history.seconds)), 1.0)
         )
         out.append(Contribution("change of the lateness of stamps", Source.CLOCKS, columns))
+    elif "time_offset" in layout and not _skew_is_known(problem.settings):
+        # the offset is that of the middle, and stated is that of the first pose
+        middle = 0.5 * float(np.ptp(run.history.seconds))
+        columns = each(layout.degrees, layout["time_offset"], _CRYSTALS * middle)
+        out.append(Contribution("ratio of the clocks", Source.CLOCKS, columns))
     if "gyro_cross_coupling" in layout:
         longer = problem.columns("gyro_cross_coupling", noise.time_base_sd * K_omega.ravel())
         column = along(layout.degrees, layout["gyro_cross_coupling"], longer)
@@ -88,6 +97,11 @@ def with_unestimated_errors(found: Estimate) -> Estimate:
         out.append(scaling("delay and smoothing as series", Source.MISFIT, found.as_noisy, factor))
         warnings.append(DataWarning("effects", f"{_SERIES} deviations by noise were multiplied by {factor:.2f}"))
     return found.adding(out, (*warnings, *_gravity_warning(problem, run)))
+
+
+def _skew_is_known(settings: CalibrationSettings) -> bool:
+    """Return whether the user states the ratio of the clocks."""
+    return "time_skew" in settings.fixed or "timing.skew" in settings.fixed_parameters
 
 
 def _vibration(found: Estimate) -> tuple[list[Contribution], list[DataWarning]]:

@@ -306,8 +306,8 @@ def _expansions(estimate: Estimate) -> list[Reason]:
     if scale is not None and abs(float(scale.value[0])) > MAX_POSITION_SCALE + 2.0 * float(scale.deviation[0]):
         text = (
             f"{describe(scale)}: more than a reference errs. The positions' unit, or what is stated about gravity "
-            "(site.gravity, site.latitude_deg, site.height_m), is wrong: the accelerometers' scale depends on which. Or "
-            "a filter of the tracker exaggerates fast moves: switch it off"
+            "(site.gravity, site.latitude_deg, site.height_m), is wrong: the accelerometers' scale depends on which; "
+            "or a filter of the tracker exaggerates fast moves: switch it off"
         )
         found.append(Reason(text, ("accelerometer",)))
     series = "this is too large for its model, which is a series; correct the cause, or record more slowly"
