@@ -280,7 +280,7 @@ def _read_joints(path: Path, warnings: list[DataWarning]) -> JointAngles | None:
             file=path,
             line=1,
         )
-    columns = [column for column in table.columns[1:] if column.words is None]
+    columns = [c for c in table.columns[1:] if c.words is None or c.unit is not None or c.name[-1:].isdigit()]
     angles = table.take(columns, "angle")
     _note_conversion(table, {"angle": columns}, warnings)
     return JointAngles(table.stamps_ns, angles, path, _header_units(table, angle=columns))
