@@ -39,6 +39,9 @@ _MIN_GAIN, _ALIKE = 50.0, 10.0
 at rest the two are the same. With the first, none were found where none are lost (decision 17 in docs/decisions); the
 second is chosen."""
 
+_FASTEST_CRYSTAL = 3e-4
+"""Ratio of clocks, less one, from which it may be that of many lost poses. Chosen: that of two crystals is smaller."""
+
 _UNEVEN, _BEYOND = 0.05, 8.0
 """Intervals and deviations by which a part's shift is off that makes losses worth looking for. Chosen: parts of a
 recording in which one sample after the other is lost average to a tenth of an interval."""
@@ -246,7 +249,7 @@ def find_lost_poses(
     if interval is None or reference.quaternions is None:
         return None
     T = 1e-9 * interval
-    if not _is_uneven(fit, T) and fit.clock.skew < 3.0 * fit.clock.skew_sd + 1e-6:
+    if not _is_uneven(fit, T) and fit.clock.skew < _FASTEST_CRYSTAL + 3.0 * fit.clock.skew_sd:
         return None
     seen = _difference(readings, reference, fit, losses=False)
     # the matrix is that of clocks which do not run evenly: its errors are no noise, which would hide the losses
