@@ -40,8 +40,8 @@ that never stands still must not count as a standstill."""
 
 
 _TREMOR = 0.01
-"""rad/s: scatter of rates slower than 25 Hz from which a device that may be held does not rest. Chosen: simulated tremor
-of 1 mrad scatters by 0.025 to 0.05, devices that lie on a table (BROAD 05, 07, 21) by 0.0006 to 0.0009."""
+"""rad/s: scatter of rates slower than 25 Hz from which a device that may be held does not rest. Chosen: simulated
+tremor of 1 mrad scatters by 0.025 to 0.05, devices that lie on a table (BROAD 05, 07, 21) by 0.0006 to 0.0009."""
 
 
 def find_standstills(
