@@ -65,6 +65,9 @@ lack as much as the right one, within a tenth; a motion repeated by hand lacks a
 _MOST_PERIODS = 40
 """Shifts that are looked at."""
 
+_SHORTEST = 0.06
+"""s of the average, at least. Chosen: several samples of any IMU."""
+
 _GAP = 0.3
 """s without poses or samples, and several intervals, over which a norm is not known. Chosen: five windows of the
 average, 0.06 s; between poses that are farther apart a part of a move is missing."""
@@ -122,7 +125,8 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     _check_durations(imu, reference)
     fine = max(0.01, 0.5 * reference.interval, float(imu.seconds[-1]) / _FINE_POINTS)
     interval = _interval(reference)
-    x, y = _norms(imu, reference, fine, interval)
+    window = max(_SHORTEST, 2.0 * interval)
+    x, y = _norms(imu, reference, fine, interval, window)
     if np.std(y.value) < 1e-3 * (1.0 + np.mean(np.abs(y.value))):
         why = (
             "poses were taken at standstills only, and none in between: clocks cannot be compared. Record poses during "
@@ -135,7 +139,11 @@ def correlate(imu: ImuSamples, reference: ReferencePoses) -> Correlation:
     found = _relation(imu, reference, x, y)
     if not found.coefficient >= _SURE and reference.quaternions is not None:
         # the quietest second may be no standstill
-        other = _relation(imu, reference, _of_imu(imu, reference, fine, _window(interval), at_rest=False), y)
+        other = _relation(imu, reference, _of_imu(imu, reference, fine, window, at_rest=False), y)
+        found = max(found, other, key=lambda one: np.nan_to_num(one.coefficient))
+    elif not found.coefficient >= _SURE and window > _SHORTEST:
+        # four positions may take as long as a step of a person
+        other = _relation(imu, reference, *_norms(imu, reference, fine, interval, 0.5 * window))
         found = max(found, other, key=lambda one: np.nan_to_num(one.coefficient))
     if not found.coefficient >= MIN_CORRELATION:
         raise SynchronizationError(
@@ -189,7 +197,7 @@ def correlate_imus(imu: ImuSamples, other: ImuSamples) -> Correlation:
     was found, however small; NaN where one of them does not move.
     """
     step = max(0.01, 0.5 * max(imu.interval, other.interval), float(imu.seconds[-1]) / _FINE_POINTS)
-    window = max(0.06, 2.0 * max(imu.interval, other.interval))
+    window = max(_SHORTEST, 2.0 * max(imu.interval, other.interval))
     x, y = (
         _even_norm(one.seconds, one.rates, np.median(one.rates[quietest_second(one)], axis=0), 0.0, step, window)
         for one in (imu, other)
@@ -227,19 +235,21 @@ def _differ(reference: ReferencePoses) -> bool:
     return turned or (p is not None and float(np.ptp(p, axis=0).max()) > 0.01)
 
 
-def _norms(imu: ImuSamples, reference: ReferencePoses, step: float, interval: float) -> tuple[_Norm, _Norm]:
+def _norms(
+    imu: ImuSamples, reference: ReferencePoses, step: float, interval: float, window: float
+) -> tuple[_Norm, _Norm]:
     """Return the norms of IMU and reference, each on an even grid and smoothed in the same way.
 
-    interval: between poses in motion, s.
+    interval, window: between poses in motion, and that of the average, s.
     """
     moved = _turning if reference.quaternions is not None else _accelerating
-    tau, norm = moved(reference, _window(interval), interval)
+    tau, norm = moved(reference, window, interval)
     if tau.size < 2:
         raise SynchronizationError(
             f"{reference.source}: the stamps of the poses come in bursts, as times of arrival do: record those of the "
             "device that measures the poses"
         )
-    return _of_imu(imu, reference, step, _window(interval)), _even(tau, norm, step, 0.0)
+    return _of_imu(imu, reference, step, window), _even(tau, norm, step, 0.0)
 
 
 def _interval(reference: ReferencePoses) -> float:
@@ -248,10 +258,6 @@ def _interval(reference: ReferencePoses) -> float:
     short = steps < _BURST * reference.interval
     begin, end = runs(short)
     return float(np.median(steps[short])) if begin.size and np.median(end - begin) > _IN_MOTION else reference.interval
-
-
-def _window(interval: float) -> float:
-    return max(0.06, 2.0 * interval)
 
 
 def _of_imu(

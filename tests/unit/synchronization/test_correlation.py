@@ -109,6 +109,30 @@ def test_poses_that_are_recorded_less_often_at_rest() -> None:
     assert offset(imu, reference) == pytest.approx(TRUE_OFFSET, abs=0.03)
 
 
+@pytest.mark.parametrize(("hertz", "steps"), [(10.0, 1.2), (20.0, 2.0)])
+def test_seldom_positions_of_a_person_who_walks(hertz: float, steps: float) -> None:
+    """Four positions take half a step or more; the sensor does not turn."""
+    rng = np.random.default_rng(3)
+
+    def walked(t: np.ndarray, order: int) -> np.ndarray:
+        out = np.zeros((t.size, 3))
+        strength = (np.array([0.02, 0.01, 0.04]), np.array([0.3, 0.4, 0.05]))
+        for (size, rate), pace in zip(zip(strength, (steps, 0.11), strict=True), (0.4, 0.02), strict=True):
+            phase = 2.0 * np.pi * (rate * t + pace * np.sin(0.3 * t) + pace * np.sin(0.07 * t))
+            wave = size * np.sin(phase[:, None] + [0.0, 1.0, 2.0])
+            out += wave if order == 0 else np.gradient(np.gradient(wave, t, axis=0), t, axis=0)
+        return out
+
+    t, tau = 0.005 * np.arange(24_000), np.arange(0.0, 119.0, 1.0 / hertz)
+    force = walked(t, 2) + np.array([0.0, 0.0, 9.81]) + rng.normal(0.0, 0.02, (t.size, 3))
+    imu = ImuSamples(np.round(1e9 * t).astype(np.int64), rng.normal(0.0, 1e-3, force.shape), force, Path("imu0"))
+    stamps = 10**15 + np.round(1e9 * tau).astype(np.int64)
+    positions = walked(tau + 0.4, 0) + rng.normal(0.0, 1e-3, (tau.size, 3))
+    found = correlate(imu, ReferencePoses("pose0", stamps, positions, None, Path("pose0")))
+    assert found.coefficient > 0.9
+    assert found.clock.start == pytest.approx(0.4, abs=0.02)
+
+
 def test_stamps_that_last_a_hundred_times_as_long_are_refused_at_once() -> None:
     r = simulated()
     stamps = 7 * 10**15 + 1000 * (r.reference.stamps_ns - r.reference.stamps_ns[0])
