@@ -219,8 +219,8 @@ class Calibration(CalibrationParts):
             raise SettingsError(f"{place} is a file; give a folder for the result")
         with replaced_together(place, RESULT_FILES) as writing:
             self.write(writing)
-            old, report = place / "calibration.yaml", place / "report.html"
-            if report.is_file() and old.is_file() and old.read_bytes() == (writing / old.name).read_bytes():
+            report = place / "report.html"
+            if report.is_file() and _is_same(place, writing):
                 shutil.copy2(report, writing / report.name)
 
     def write(self, folder: Path) -> None:
@@ -264,6 +264,15 @@ class Calibration(CalibrationParts):
             estimates=_read_estimates(file.parent / "estimates.csv", len(names)),
             robot_urdf=_read_urdf(file.parent / "robot_calibrated.urdf"),
         )
+
+
+def _is_same(folder: Path, other: Path) -> bool:
+    """Return whether two folders hold the same result, by the files that people read."""
+
+    def content(file: Path) -> bytes | None:
+        return file.read_bytes() if file.is_file() else None
+
+    return all(content(folder / n) == content(other / n) for n in ("calibration.yaml", "robot_calibrated.urdf"))
 
 
 def _read_estimates(file: Path, count: int) -> Array:
