@@ -77,34 +77,60 @@ _ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class LostSamples:
-    """Samples that were lost without a gap.
+class _Losses:
+    """Samples or poses that were lost without a gap.
 
     Attributes
     ----------
     places, counts : (k,)
-        Numbers of the samples after them, and how many at each place.
+        Numbers of those after them, and how many at each place.
     interval_ns
         Of the stamps.
     unsure : (k, 2)
         Reference seconds between which each place lies for sure.
-    faster
-        Share by which the sensor measures faster than it is asked, if that is why.
     """
 
     places: Indices
     counts: Indices
     interval_ns: int
     unsure: Array
-    faster: float = 0.0
 
-    def sure_poses(self, reference: ReferencePoses) -> Mask:
-        """Return which poses do not depend on where exactly samples were lost: outside these intervals, or at rest."""
-        tau, T = reference.seconds, 1e-9 * self.interval_ns
+    def later(self, stamps_ns: Stamps) -> Stamps:
+        """Return counted stamps, later after the losses."""
+        missing = np.zeros(stamps_ns.size, dtype=np.int64)
+        np.add.at(missing, self.places, self.counts)
+        return np.asarray(stamps_ns + self.interval_ns * np.cumsum(missing))
+
+    def unsure_poses(self, reference: ReferencePoses) -> Mask:
+        """Return which poses depend on where exactly the losses were: between these moments, and in motion."""
+        tau = reference.seconds
         inside = np.zeros(tau.size, dtype=bool)
         for low, high in self.unsure:
             inside |= (tau >= low) & (tau <= high)
-        return np.asarray(~(inside & _moving(reference, T)))
+        return inside & _moving(reference, 1e-9 * self.interval_ns)
+
+    def named(self, seconds: Array) -> str:
+        """Return the first places in words, by the seconds of all samples or poses."""
+        at = seconds[self.places]
+        more = f" and {at.size - _NAMED} more places" if at.size > _NAMED else ""
+        return f"{', '.join(f'{t:.1f}' for t in at[:_NAMED])} s{more}"
+
+
+@dataclass(frozen=True)
+class LostSamples(_Losses):
+    """Samples that were lost without a gap.
+
+    Attributes
+    ----------
+    faster
+        Share by which the sensor measures faster than it is asked, if that is why.
+    """
+
+    faster: float = 0.0
+
+    def sure_poses(self, reference: ReferencePoses) -> Mask:
+        """Return which poses do not depend on where exactly samples were lost."""
+        return ~self.unsure_poses(reference)
 
     def max_within(self, seconds: float) -> int:
         """Return the largest number of samples lost within some seconds."""
@@ -114,9 +140,7 @@ class LostSamples:
 
     def restored(self, imu: ImuSamples) -> ImuSamples:
         """Return the readings with later stamps after lost samples."""
-        missing = np.zeros(imu.stamps_ns.size, dtype=np.int64)
-        np.add.at(missing, self.places, self.counts)
-        stamps = imu.stamps_ns + self.interval_ns * np.cumsum(missing)
+        stamps = self.later(imu.stamps_ns)
         if not self.faster:
             return replace(imu, stamps_ns=stamps)
         shorter = np.round((stamps - stamps[0]) / (1.0 + self.faster)).astype(np.int64)
@@ -125,9 +149,6 @@ class LostSamples:
 
     def warning(self, imu: ImuSamples) -> DataWarning:
         """Return the warning about them."""
-        seconds = imu.seconds[self.places]
-        named = ", ".join(f"{t:.1f}" for t in seconds[:_NAMED])
-        more = f" and {seconds.size - _NAMED} more places" if seconds.size > _NAMED else ""
         total = int(self.counts.sum())
         if self.faster:
             every, between = 1e-6 * self.interval_ns, 1e-9 * self.interval_ns / self.faster
@@ -139,52 +160,31 @@ class LostSamples:
             return DataWarning("stamps", text)
         text = (
             f"stamps are counted every {1e-6 * self.interval_ns:.5g} ms, but {total} "
-            f"sample{'s were' if total > 1 else ' was'} lost without a gap, at {named} s{more}, as the reference "
-            "shows; the stamps after them were corrected"
+            f"sample{'s were' if total > 1 else ' was'} lost without a gap, at {self.named(imu.seconds)}, as the "
+            "reference shows; the stamps after them were corrected"
         )
         return DataWarning("stamps", text)
 
 
-@dataclass(frozen=True)
-class LostPoses:
-    """Poses that were lost without a gap.
-
-    Attributes
-    ----------
-    places, counts : (k,)
-        Numbers of the poses after them, and how many at each place.
-    interval_ns
-        Of the stamps.
-    unsure : (k, 2)
-        Reference seconds between which each place lies for sure.
-    """
-
-    places: Indices
-    counts: Indices
-    interval_ns: int
-    unsure: Array
+class LostPoses(_Losses):
+    """Poses that were lost without a gap."""
 
     def restored(self, reference: ReferencePoses) -> ReferencePoses:
         """Return the poses with later stamps after lost ones; those between which a place may lie are doubtful."""
-        missing = np.zeros(reference.stamps_ns.size, dtype=np.int64)
-        np.add.at(missing, self.places, self.counts)
-        tau, known = reference.seconds, reference.doubtful
-        inside = np.any([(tau >= low) & (tau <= high) for low, high in self.unsure], axis=0)
-        doubtful = inside & _moving(reference, 1e-9 * self.interval_ns)
+        doubtful, known = self.unsure_poses(reference), reference.doubtful
         return replace(
             reference,
-            stamps_ns=reference.stamps_ns + self.interval_ns * np.cumsum(missing),
+            stamps_ns=self.later(reference.stamps_ns),
             doubtful=doubtful if known is None else doubtful | known,
         )
 
     def warning(self, reference: ReferencePoses) -> DataWarning:
         """Return the warning about them."""
-        total, places = int(self.counts.sum()), ", ".join(f"{t:.1f}" for t in reference.seconds[self.places[:_NAMED]])
-        more = f" and {self.places.size - _NAMED} more places" if self.places.size > _NAMED else ""
+        total = int(self.counts.sum())
         text = (
             f"stamps of the poses are counted every {1e-6 * self.interval_ns:.5g} ms, but {total} "
-            f"pose{'s were' if total > 1 else ' was'} lost without a gap, at {places} s{more}, as the gyros show; the "
-            "stamps after them were corrected"
+            f"pose{'s were' if total > 1 else ' was'} lost without a gap, at {self.named(reference.seconds)}, as the "
+            "gyros show; the stamps after them were corrected"
         )
         return DataWarning("stamps", text)
 
