@@ -106,7 +106,7 @@ def elapsed_seconds(timestamps: ArrayLike, size: int, name: str) -> Array:
             f"{name}: got values of type {stamps.dtype}, expected seconds as floats, nanoseconds as integers, or dates"
         )
     whole = stamps.dtype.kind in "iu"
-    kind = stamps.dtype
+    given = stamps.dtype
     if not whole:
         stamps = stamps.astype(float)
         _check_finite(stamps, name)
@@ -118,8 +118,8 @@ def elapsed_seconds(timestamps: ArrayLike, size: int, name: str) -> Array:
     if not whole and step > _MAX_STEP:
         guess = "they look like nanoseconds: give those as integers" if step > 1e3 else "give seconds"
         raise RecordingError(f"{name}: floats are seconds, but the usual step is {step:.4g} s; {guess}")
-    if kind.kind == "f" and np.spacing(kind.type(np.abs(stamps).max())) > _RESOLVED * step:
-        raise RecordingError(f"{name}: {kind} does not resolve steps of {step:.4g} s; give float64, or nanoseconds")
+    if given.kind == "f" and np.spacing(given.type(np.abs(stamps).max())) > _RESOLVED * step:
+        raise RecordingError(f"{name}: {given} does not resolve steps of {step:.4g} s; give float64, or nanoseconds")
     return np.asarray(seconds)
 
 

@@ -276,7 +276,7 @@ def _is_same(folder: Path, other: Path) -> bool:
 
 
 def _read_estimates(file: Path, count: int) -> Array:
-    """Return the history of so many parameters, (updates, 1 + 2 count); no rows where it is missing or another's."""
+    """Return the history of `count` parameters, (updates, 1 + 2 count); no rows where the file holds no such table."""
     none = np.zeros((0, 1 + 2 * count))
     if not file.is_file() or file.stat().st_size > _MAX_HISTORY:
         return none

@@ -11,6 +11,7 @@ from kreisel.geometry.rotation import Array
 from kreisel.inertial.correction import Block, Correction
 from kreisel.inertial.counts import Counts
 from kreisel.inertial.sensor_model import SensorParameters, SizeEffect
+from kreisel.inertial.slopes import USUAL
 
 Corrected = tuple[NDArray[np.int64], Array, Array]
 
@@ -73,19 +74,23 @@ class CorrectedStream:
             )
         stamps = stamps.astype(np.int64)
         check_ascending(np.concatenate([self._last, stamps]), "stamps_ns")
-        if self._check:
-            check_nanoseconds(np.concatenate([self._last, stamps]), "stamps_ns")
+        waiting = np.concatenate([self._waiting, stamps])
+        if self._check and waiting.size > USUAL:  # none has been returned before
+            check_nanoseconds(waiting, "stamps_ns")
         temperature_difference = temperature_difference_of(temperatures, len(raw), self._sensors, self._temperature)
         if not len(raw):
             return self._stamped(self._correction.push(Block(np.zeros(0), raw, a, temperature_difference)))
         self._first = int(stamps[0]) if self._first is None else self._first
-        self._last, self._waiting = stamps[-1:], np.concatenate([self._waiting, stamps])
+        self._check = self._check and waiting.size <= USUAL
+        self._last, self._waiting = stamps[-1:], waiting
         return self._stamped(
             self._correction.push(Block((stamps - self._first) * 1e-9, raw, a, temperature_difference))
         )
 
     def close(self) -> Corrected:
         """Return the remaining samples, after the last block."""
+        if self._check:
+            check_nanoseconds(self._waiting, "stamps_ns")
         return self._stamped(self._correction.close())
 
     def _stamped(self, done: Block) -> Corrected:

@@ -126,6 +126,19 @@ def test_a_stream_takes_nanoseconds_alone_and_can_be_kept(calibration: Calibrati
     )
 
 
+def test_samples_that_arrive_at_once_are_no_other_unit(calibration: Calibration) -> None:
+    """One by one, as a callback gets them; few of another unit are refused at the end."""
+    stamps = STEP_NS * np.arange(N)
+    stamps[50] = stamps[49] + 5_000
+    stream = calibration.stream()
+    for k in range(N):
+        stream.push(RATES[k : k + 1], FORCES[k : k + 1], stamps[k : k + 1])
+    short = calibration.stream()
+    short.push(RATES[:50], FORCES[:50], stamps[:50] // 1000)
+    with pytest.raises(RecordingError, match="the usual step is 2500 ns"):
+        short.close()
+
+
 def test_temperatures_are_in_degrees_celsius(calibration: Calibration) -> None:
     warm = {"temperature": [1e-5] * 3}
     table = {"cross_coupling": np.eye(3).tolist(), "offset": [0.0] * 3}
