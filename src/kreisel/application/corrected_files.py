@@ -54,7 +54,7 @@ def check_usable(calibration: Calibration, *, force: bool, name: str = "this cal
         Unless `force` is set.
     """
     if not calibration.accepted and not force:
-        reason = calibration.verdict.reasons[0] if calibration.verdict.reasons else "no reason is in the file"
+        reason = calibration.verdict.first_reason
         raise SettingsError(f"{name} was rejected ({reason}); --force uses it nevertheless")
 
 

@@ -33,7 +33,7 @@ async def correct_events(
     A stamp that does not follow the one before is left out. After a jump of the device's clock a new stream begins.
     """
     write(f"#timestamp [ns],{HEADER}\n".encode())
-    stream, last = calibration.stream(), -1
+    stream, last = calibration.stream(check=calibration.accepted), -1
     first: list[int] | None = []
     async for event in events:
         if not isinstance(event, Arrival):
@@ -48,7 +48,7 @@ async def correct_events(
                 continue
             note(f"the device's clock leapt from {last} to {sample.stamp_ns} ns: a new stream begins")
             write(_rows(*stream.close()))
-            stream = calibration.stream()
+            stream = calibration.stream(check=calibration.accepted)
         last = sample.stamp_ns
         if first is not None:
             first.append(last)

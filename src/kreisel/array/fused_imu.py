@@ -81,7 +81,8 @@ class UnitReadings:
             If the calibration cannot be applied to them.
         """
         there = replace(calibration, sensors=replace(calibration.sensors, lever_arms=np.zeros((3, 3))))
-        omega, f = there.correct(raw.rates, raw.accelerations, raw.stamps_ns, raw.temperature)
+        readings = (raw.rates, raw.accelerations, raw.stamps_ns, raw.temperature)
+        omega, f = there.correct(*readings, check=calibration.accepted)
         left, _ = without_spikes(raw)
         clipped = clipped_samples(raw.rates) | clipped_samples(raw.accelerations)
         clipped |= ~np.isin(raw.stamps_ns, left.stamps_ns)

@@ -114,7 +114,7 @@ class Calibration(CalibrationParts):
         temperatures : (n,)
             Of the sensor, degrees Celsius; needed where the calibration has temperature coefficients.
         check
-            Whether readings must be plausible in these units.
+            Whether readings must be plausible in these units, and a rejected calibration warns (`UserWarning`).
 
         Raises
         ------
@@ -129,6 +129,7 @@ class Calibration(CalibrationParts):
         if self.counts is not None:
             raw, a = self.counts.in_si(raw, a)
         if check:
+            self._warn_if_rejected()
             check_si(raw, a)
         seconds = elapsed_seconds(timestamps, len(raw), "timestamps")
         temperature_difference = temperature_difference_of(temperatures, len(raw), self.sensors, self._temperature)
@@ -183,9 +184,18 @@ class Calibration(CalibrationParts):
     def stream(self, *, check: bool = True) -> CorrectedStream:
         """Return an object that corrects readings as they come; see `calibration.stream_correction`.
 
-        check: whether stamps must come at a rate that IMUs have.
+        check: whether stamps must come at a rate that IMUs have, and a rejected calibration warns (`UserWarning`).
         """
+        if check:
+            self._warn_if_rejected()
         return CorrectedStream(self.sensors, self.size_effect, self._temperature, self.counts, check=check)
+
+    def _warn_if_rejected(self) -> None:
+        """Warn the caller of a public method that what it returns may be wrong."""
+        if not self.accepted:
+            reason = self.verdict.first_reason
+            text = f"this calibration was rejected ({reason}); what it corrects may be wrong (check=False: no warning)"
+            warnings.warn(text, UserWarning, stacklevel=3)
 
     @property
     def counts(self) -> Counts | None:

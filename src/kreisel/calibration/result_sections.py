@@ -259,6 +259,11 @@ class Verdict:
     unasked: tuple[str, ...] = ()
 
     @property
+    def first_reason(self) -> str:
+        """The first reason against it, in one line."""
+        return self.reasons[0] if self.reasons else "no reason is in the file"
+
+    @property
     def not_usable(self) -> tuple[str, ...]:
         """Sensors that are not accepted although the result is: nobody asked for them."""
         return tuple(sensor for sensor, state in self.sensors.items() if state != "accepted") if self.accepted else ()

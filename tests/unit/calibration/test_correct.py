@@ -107,6 +107,17 @@ def test_readings_in_other_units_are_refused(calibration: Calibration) -> None:
     calibration.correct(RATES[:50], 0.1 * FORCES[:50], T[:50])
 
 
+def test_a_rejected_calibration_warns_unless_nothing_is_checked(calibration: Calibration) -> None:
+    rejected = replace(calibration, verdict=replace(calibration.verdict, accepted=False, reasons=("it was dropped",)))
+    with pytest.warns(UserWarning, match=r"this calibration was rejected \(it was dropped\)") as said:
+        rejected.correct(RATES, FORCES, T)
+    assert said[0].filename == __file__
+    with pytest.warns(UserWarning, match="what it corrects may be wrong"):
+        rejected.stream()
+    rejected.correct(RATES, FORCES, T, check=False)
+    rejected.stream(check=False)
+
+
 def test_dates_are_moments_too(calibration: Calibration) -> None:
     dates = np.datetime64("2026-11-30T10:00:00", "ns") + STEP_NS * np.arange(N)
     for a, b in zip(calibration.correct(RATES, FORCES, dates), calibration.correct(RATES, FORCES, T), strict=True):
