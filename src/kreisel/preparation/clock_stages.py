@@ -38,6 +38,10 @@ _ROUNDS_OF_SIZE, _SETTLED = 5, 0.3
 """Corrections of a jump or a slew at most, and deviations of a jump below which it is found. Chosen: each leaves a
 tenth."""
 
+_NO_WORSE = 1.05
+"""Share of the residual that lost samples leave at most. Chosen: a unit of a tray with a cubic term "lost" three, by
+which it rose to 1.6; restored ones leave less, but for what is due to other readings beside poses."""
+
 _WHOLE = 0.95
 """Share of the residual that lost poses leave by which they are preferred: whole intervals of counted stamps are no
 chance. Chosen: a jump leaves out the poses beside it, which are a little worse."""
@@ -67,6 +71,8 @@ def without_losses(before: Comparison) -> Comparison | None:
         certain &= missing.sure_poses(reference)
         found = found.of(replace(recording, imu=missing.restored(imu)))
     if found is before or abs(found.fit.clock.skew) > _EQUAL_RATES + 3.0 * found.fit.clock.skew_sd:
+        return None
+    if found.fit.residual_sd > _NO_WORSE * before.fit.residual_sd:
         return None
     imu = found.recording.imu
     share = 1.0 - recording.imu.stamps_ns.size / (1.0 + float(imu.seconds[-1]) / imu.interval)
