@@ -43,7 +43,7 @@ _NO_WORSE = 1.05
 which it rose to 1.6; restored ones leave less, but for what is due to other readings beside poses."""
 
 _WHOLE = 0.95
-"""Share of the residual that lost poses leave by which they are preferred: whole intervals of counted stamps are no
+"""Share of the residual that losses leave by which they are preferred: whole intervals of counted stamps are no
 chance. Chosen: a jump leaves out the poses beside it, which are a little worse."""
 
 _EQUAL_RATES = 3e-4
@@ -167,12 +167,12 @@ def in_stated_seconds(before: Comparison) -> Comparison:
 
 
 def repaired(comparison: Comparison) -> Comparison:
-    """Return the comparison after all stages. Where samples were lost, a jump of the clocks is not looked for."""
+    """Return the comparison after all stages; of losses, a jump and a slew that by which the rates fit best."""
     complete, poses, slewed = without_losses(comparison), without_lost_poses(comparison), without_slew(comparison)
-    jumped = without_jump(comparison) if complete is None else None
+    jumped = without_jump(comparison)
 
     def left(one: Comparison) -> float:
-        return one.fit.residual_sd * (_WHOLE if one is poses else 1.0)
+        return one.fit.residual_sd * (_WHOLE if one is complete or one is poses else 1.0)
 
     found = min(filter(None, (complete, poses, jumped, slewed)), key=left)
     return in_stated_seconds(without_jump(found) if found is slewed and complete is None else found)

@@ -51,7 +51,7 @@ def told(preparation: Preparation) -> list[str]:
     return [str(warning) for warning in preparation.warnings if "jumped" in str(warning)]
 
 
-@pytest.mark.parametrize("size", [0.25, *(pytest.param(size, marks=pytest.mark.slow) for size in (0.015, -0.06))])
+@pytest.mark.parametrize("size", [0.25, *(pytest.param(size, marks=pytest.mark.slow) for size in (0.015, -0.065))])
 def test_a_jump_is_found_and_taken_out(size):
     found = prepared(lambda tau: np.where(tau > AT, size, 0.0))
     (text,) = told(found)
