@@ -35,6 +35,7 @@ EFFECTS = {
     "accel_scale_temperature": {"imu": {"accel_scale_temperature_sd": 2e-4, "temperature_rise": 10.0}},
     "reference_smoothing": {"reference": {"smoothing": 0.015}},
     "position_scale": {"reference": {"kind": "mocap", "position_scale_ppm": 2000.0}},
+    "position_heading": {"reference": {"kind": "mocap", "position_heading_deg": 1.0}},
     "mount_bending": {"imu": {"mount_bending_sd": 1e-4}},
     "mount_deflection": {"reference": {"kind": "mocap"}, "imu": {"mount_deflection_sd": 1e-4}},
     "robot_gears": {"errors": {"gear_eccentricity_sd": 1e-3}},

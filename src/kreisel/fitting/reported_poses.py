@@ -1,4 +1,4 @@
-"""Reported poses: motion at a time by them, and errors of any reference (scale, smoothing, an elastic mount)."""
+"""Reported poses: motion at a time by them, and errors of any reference (frame, smoothing, an elastic mount)."""
 
 from __future__ import annotations
 
@@ -42,6 +42,15 @@ def _scale(problem: Problem, _known: CellParameters, _samples: Indices, poses: I
     positions = problem.reference.positions
     if positions is not None:
         out[:, :3, 0] = positions.mean(axis=0) - positions[poses]
+    return out
+
+
+def _heading(problem: Problem, known: CellParameters, _samples: Indices, poses: Indices) -> Array:
+    out = np.zeros((poses.size, 6, 1))
+    positions = problem.reference.positions
+    if positions is not None:
+        down = apply(known.q_rn, np.array([0.0, 0.0, 1.0]))
+        out[:, :3, 0] = np.cross(positions[poses] - positions.mean(axis=0), down)
     return out
 
 
@@ -111,8 +120,8 @@ def _elastic(
 
 
 _COLUMNS = {
-    "position_scale": _scale, "reference_smoothing": _smoothing, "mount_bending": _bending,
-    "mount_deflection": _deflection,
+    "position_scale": _scale, "position_heading": _heading, "reference_smoothing": _smoothing,
+    "mount_bending": _bending, "mount_deflection": _deflection,
 }  # fmt: skip
 
 

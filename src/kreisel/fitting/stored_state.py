@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from kreisel.estimation.belief import Belief
-from kreisel.geometry.rotation import Array
+from kreisel.geometry.rotation import Array, lengths
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, CellParameters
 from kreisel.model.problem import Problem
 
-ATTITUDE_SD, POSITION_SD, VELOCITY_SD = 0.02, 0.02, 0.3
-"""Standard deviations (rad, m, m/s) at the start of navigation; large, because the first pose is used again."""
+_ATTITUDE_SD, _POSITION_SD, _VELOCITY_SD = 0.02, 0.02, 0.3
+"""Least standard deviations (rad, m, m/s) at the start of navigation; large, because the first pose is used again."""
+
+_TIMES, _FARTHEST = 3.0, 0.2
+"""Deviations of a pose's noise from which on the start is as uncertain, and largest deviation of its attitude, rad."""
+
+_SLOPE, _SPEED = 0.1, 1.0
+"""s: least time over which `reported_poses.pose_near` takes a velocity, and that over which speeds are taken here."""
+
+_FRAME = 0.05
+"""Rotation and scale of the positions' frame, rad and relative, which move the first position of cameras and satellites
+by its distance from the mean. Chosen: five times the deviation of `position_heading`."""
 
 
 def stored_state(problem: Problem, parameters: CellParameters) -> Array:
@@ -21,6 +33,25 @@ def stored_state(problem: Problem, parameters: CellParameters) -> Array:
     for group in problem.groups:
         x[problem.layout.stored(group)] = problem.stored(parameters, group)
     return x
+
+
+def navigation_deviations(problem: Problem) -> dict[str, float]:
+    """Return the deviations of attitude (rad), velocity (m/s) and position (m) where navigation starts at a pose."""
+    reference, noise = problem.reference, problem.noise.reference
+    positions = reference.positions
+    attitude = min(max(_ATTITUDE_SD, _TIMES * noise.orientation), _FARTHEST)
+    if positions is None:
+        return {"attitude": attitude, "velocity": _VELOCITY_SD, "position": _POSITION_SD}
+    velocity = _TIMES * math.sqrt(2.0) * noise.position / max(_SLOPE, reference.interval)
+    position = _TIMES * noise.position
+    if problem.noise.volume_sd > 0.0:
+        position = max(position, _FRAME * float(np.max(np.ptp(positions, axis=0))))
+        apart, seconds = max(1, round(_SPEED / reference.interval)), reference.seconds
+        speed = lengths(positions[apart:] - positions[:-apart]) / (seconds[apart:] - seconds[:-apart])
+        velocity = max(velocity, _FRAME * float(np.max(speed, initial=0.0)))
+    return {
+        "attitude": attitude, "velocity": max(_VELOCITY_SD, velocity), "position": max(_POSITION_SD, position),
+    }  # fmt: skip
 
 
 def parameters_of(problem: Problem, known: CellParameters, x: Array) -> CellParameters:
@@ -49,7 +80,7 @@ def first_belief(problem: Problem, start: CellParameters, covariance: dict[str, 
         if part.name in covariance:
             d = layout[part.name]
             factor[d, d] = np.linalg.cholesky(covariance[part.name])
-    others = {"attitude": ATTITUDE_SD, "velocity": VELOCITY_SD, "position": POSITION_SD}
+    others = navigation_deviations(problem)
     if "standstill_position" in layout:
         others["standstill_position"], others["standstill_orientation"] = problem.noise.standstill_error
     if (coloured := problem.noise.coloured).time > 0.0:

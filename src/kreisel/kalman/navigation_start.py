@@ -6,7 +6,7 @@ import numpy as np
 
 from kreisel.estimation.belief import Belief, renew
 from kreisel.fitting.reported_poses import pose_near
-from kreisel.fitting.stored_state import ATTITUDE_SD, POSITION_SD, VELOCITY_SD
+from kreisel.fitting.stored_state import navigation_deviations
 from kreisel.geometry.rotation import multiply
 from kreisel.model.parameters import CellParameters
 from kreisel.model.problem import Problem
@@ -29,10 +29,11 @@ def navigation_from_reference(problem: Problem, known: CellParameters, belief: B
         (shift,), (turn,) = problem.robot.moved_poses(np.array([problem.schedule.updates[near].pose]), zeros)
         q, p = multiply(q, turn), p + shift
     turned, moved = reference.quaternions is not None, reference.positions is not None
+    deviations = navigation_deviations(problem)
     for name, value, deviation in (
-        ("attitude", q if turned else attitude, ATTITUDE_SD if turned else problem.schedule.attitude_sd),
-        ("velocity", v, VELOCITY_SD if moved else _VELOCITY_SD_WITHOUT_POSITIONS),
-        ("position", p, POSITION_SD),
+        ("attitude", q if turned else attitude, deviations["attitude"] if turned else problem.schedule.attitude_sd),
+        ("velocity", v, deviations["velocity"] if moved else _VELOCITY_SD_WITHOUT_POSITIONS),
+        ("position", p, deviations["position"]),
     ):
         belief = renew(layout, belief, name, value, deviation)
     return belief

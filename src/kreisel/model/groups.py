@@ -306,6 +306,11 @@ REGISTRY: tuple[ParameterGroup, ...] = (
         shape=lambda _: (),
     ),
     ParameterGroup(
+        "position_heading", "heading of the frame of the reported positions against that of the attitudes",
+        "ψ<sub>p</sub>", "reference", "reference.position_heading", _one, "mrad", MRAD, 1e-2, known_before=True,
+        by_choice=True, shape=lambda _: (),
+    ),
+    ParameterGroup(
         "reference_smoothing", "smoothing of the reported poses against the gyros, s^2: pose + this d^2 pose/dt^2",
         "κ<sub>r</sub>", "reference", "reference.smoothing", _one, "ms²", MS**2, 3e-5, known_before=True,
         by_choice=True, shape=lambda _: (),

@@ -46,6 +46,9 @@ polynomials of `_POLYNOMIAL_SD` add as much to readings of 0.7 rad/s and 0.8 g."
 _UNKNOWN_GYRO, _UNKNOWN_ACCEL = 0.3, 2.0
 """rad/s and m/s^2; standard deviations of the offsets of an unknown IMU."""
 
+_VOLUME = 20.0
+"""m: extent of a motion from which on cameras do not see all of it. Chosen: halls with cameras have ten."""
+
 _MEMS = 1e-5
 """rad/s/sqrt(Hz): gyros with more noise are micromechanical."""
 
@@ -204,10 +207,18 @@ def expected_effects(preparation: Preparation) -> tuple[str, ...]:
 
 
 def likely_effects(preparation: Preparation) -> tuple[str, ...]:
-    """Return the effects that a device of no stated grade has as likely as not: most inexpensive gyros have this."""
-    table, noise = preparation.recording.settings.imu, preparation.imu_noise
+    """Return the effects that are there as likely as not.
+
+    Most inexpensive gyros of no stated grade respond to acceleration. Positions by satellites and attitudes by antennas
+    or another IMU have frames that differ.
+    """
+    table, noise, positions = preparation.recording.settings.imu, preparation.imu_noise, preparation.reference.positions
     inexpensive = float(np.max(noise.observed[0])) > _MEMS
-    return ("gyro_g_sensitivity",) if table.grade is None and inexpensive else ()
+    outdoors = positions is not None and float(np.max(np.ptp(positions, axis=0))) > _VOLUME
+    return (
+        *(("gyro_g_sensitivity",) if table.grade is None and inexpensive else ()),
+        *(("position_heading",) if outdoors else ()),
+    )
 
 
 def _g_sensitivity(preparation: Preparation) -> float:

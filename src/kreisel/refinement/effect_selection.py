@@ -57,6 +57,7 @@ _OF_MOUNT, _CLEARLY = ("mount_bending", "mount_deflection"), 15.0
 """Effects with many parameters that follow whatever turns with gravity, and how much more evidence than others they
 need. Chosen: a mount that bends by 0.3 mrad/g shows by 100 and more; errors on no list were taken for one by 20."""
 
+_OF_POSITIONS = ("position_scale", "position_heading", "mount_deflection")
 _POLYNOMIALS = ("gyro_polynomial", "accel_polynomial")
 
 
@@ -64,13 +65,14 @@ def candidates(problem: Problem) -> tuple[str, ...]:
     """Return the effects that a problem may have beyond those that are in its state or fixed."""
     reference, order, out = problem.reference, problem.settings.polynomial_order, []
     for group in (*BY_CHOICE, *_POLYNOMIALS):
-        needs_positions = group in ("position_scale", "mount_deflection", *ROBOT_GROUPS) or group.startswith("accel")
+        needs_positions = group in (*_OF_POSITIONS, *ROBOT_GROUPS) or group.startswith("accel")
         possible = reference.positions is not None or not needs_positions
         possible &= reference.quaternions is not None or group not in POSE_GROUPS
         possible &= problem.robot is not None or group not in ROBOT_GROUPS
         possible &= not group_named(group).rare or group in problem.prior.expected
         possible &= group not in OF_TEMPERATURE or _temperature_changes(problem)
         possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
+        possible &= group != "position_heading" or problem.noise.volume_sd > 0.0  # an arm has one frame for both
         possible &= group != "gyro_cubic" or "gyro_polynomial" not in problem.layout or order < CUBES
         possible &= group != "robot_zeros" or problem.joints > _JOINTS_OF_FRAMES
         possible &= group not in EFFECTS or has_offsets(problem, OFFSET_OF[EFFECTS[group].sensor])

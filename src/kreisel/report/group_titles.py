@@ -29,6 +29,7 @@ TITLES = {
     "time_offset": "Time offset of the reference",
     "time_skew": "Ratio of the clocks",
     "position_scale": "Scale of the reference's positions",
+    "position_heading": "Heading of the positions' frame",
     "reference_smoothing": "Smoothing of the reference's poses",
     "mount_bending": "Bending of the mount",
     "mount_deflection": "Deflection of the mount",

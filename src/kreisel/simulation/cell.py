@@ -44,7 +44,7 @@ from kreisel.simulation.free_path import FreePath, free_path
 from kreisel.simulation.imu import disturbed, draw_noise, draw_sensors, ideal_readings, stamped
 from kreisel.simulation.owner_statements import as_stated
 from kreisel.simulation.random_physics import RandomPhysics
-from kreisel.simulation.reference import MARGIN, START_NS, Measure, ReferenceDraws, report_poses
+from kreisel.simulation.reference import MARGIN, START_NS, Measure, ReferenceDraws, report_poses, with_heading
 from kreisel.units import DEG
 
 _Inertial = tuple[Array, Array, Array]
@@ -70,6 +70,8 @@ class Truth:
         is the device before it turned, without what was added.
     position_scale
         Reported positions are longer by this share.
+    position_heading
+        Reported positions are turned about down by this, rad.
     reference_smoothing
         Standard deviation of the window over which reported poses are averaged, s.
     mount
@@ -87,6 +89,7 @@ class Truth:
     offset_change: OffsetChange | None = None
     slip: Slip | None = None
     position_scale: float = 0.0
+    position_heading: float = 0.0
     reference_smoothing: float = 0.0
     mount: ElasticMount = field(default_factory=ElasticMount.rigid)
 
@@ -209,12 +212,14 @@ def simulate(
     else:
         measure = partial(measured, nominal, planned, own=own, errors=cell.errors)
     draws = ReferenceDraws(streams.path, streams.jitter, streams.clock, streams.reference)
-    reference, joints = report_poses(cell, planned, measure, draws, path, device.physics)
     r = cell.reference
+    reference, joints = report_poses(cell, planned, measure, draws, path, device.physics)
+    reference = with_heading(reference, r.position_heading_deg * DEG, gravity)
     offset, skew = device.clock.against(int(reference.stamps_ns[0]), r.clock_offset, r.clock_drift_ppm * 1e-6)
     truth = Truth(
         device.sensors, offset, skew, gravity, earth, own, actual,
-        device.effects, change, device.slip, r.position_scale_ppm * 1e-6, r.smoothing, mount,
+        device.effects, change, device.slip, r.position_scale_ppm * 1e-6, r.position_heading_deg * DEG, r.smoothing,
+        mount,
     )  # fmt: skip
     return truth, as_stated(cell, nominal, Recording(path, imu, reference, joints))
 
@@ -464,6 +469,7 @@ def write_truth(truth: Truth, file: Path) -> None:
         "earth_rate_in_base": truth.earth_rate_r.tolist(),
         "reference": {
             "position_scale": truth.position_scale,
+            "position_heading": truth.position_heading,
             "smoothing": truth.reference_smoothing,
             "mount_bending": truth.mount.bending.tolist(),
             "mount_deflection": truth.mount.deflection.tolist(),

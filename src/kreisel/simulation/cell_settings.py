@@ -101,6 +101,9 @@ class Reference(_Table):
     jitter: float = _key(0.0, "s: difference between the time of a pose and its stamp", ge=0.0, le=0.1)
     drop_share: float = _key(0.0, "share of poses that are lost", ge=0.0, le=0.9)
     position_scale_ppm: float = _key(0.0, "reported positions are longer by this", ge=-50000.0, le=50000.0)
+    position_heading_deg: float = _key(
+        0.0, "heading of the frame of reported positions against that of attitudes, about down", ge=-180.0, le=180.0
+    )
     distortion: float = _key(
         0.0, "deviation of scales of axes, and of shears, of cameras' volume, in which a flat body of markers is seen",
         ge=0.0, le=0.05,

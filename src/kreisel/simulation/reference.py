@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +39,14 @@ class ReferenceDraws:
     jitter: np.random.Generator
     clock: np.random.Generator
     faults: np.random.Generator
+
+
+def with_heading(reference: ReferencePoses, angle: float, gravity: Array) -> ReferencePoses:
+    """Return poses whose positions are turned about gravity (3,) by an angle, as of another device's frame."""
+    if not angle or reference.positions is None:
+        return reference
+    down = gravity / np.linalg.norm(gravity)
+    return replace(reference, positions=apply(exp(angle * down), reference.positions))
 
 
 def report_poses(

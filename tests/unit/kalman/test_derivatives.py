@@ -34,7 +34,9 @@ PROBLEMS = {
     "poses": small_problem,
     "error terms": lambda: with_groups(small_problem(), EFFECTS),
     "coloured noise": lambda: with_correlation_time(small_problem(), 1.5),
-    "errors of poses": lambda: with_groups(camera_problem(), ("position_scale", "reference_smoothing")),
+    "errors of poses": lambda: with_groups(
+        camera_problem(), ("position_scale", "position_heading", "reference_smoothing")
+    ),
     "elastic mount": lambda: with_groups(camera_problem(), ("mount_bending", "mount_deflection")),
     "positions": lambda: positions_only(camera_problem()),
 }

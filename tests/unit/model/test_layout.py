@@ -32,7 +32,7 @@ def test_a_groups_part_has_one_degree_of_freedom_for_each_name(order, joints):
         "gyro_cubic": 3, "accel_cubic": 3, "gyro_axis_delay": 3, "gyro_axis_smoothing": 3, "accel_axis_smoothing": 3,
         "gyro_temperature": 3, "gyro_scale_temperature": 3, "accel_temperature": 3, "accel_scale_temperature": 3,
         "gyro_gauss_markov": 3, "accel_gauss_markov": 3,
-        "position_scale": 1, "reference_smoothing": 1, "mount_bending": 9, "mount_deflection": 9,
+        "position_scale": 1, "position_heading": 1, "reference_smoothing": 1, "mount_bending": 9, "mount_deflection": 9,
         "robot_placement": 6 * (joints + 1) if joints else 0, "robot_gears": 2 * joints, "robot_compliance": joints,
         "robot_zeros": max(joints - 2, 0),
     }  # fmt: skip

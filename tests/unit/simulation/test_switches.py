@@ -305,6 +305,16 @@ def test_a_frame_that_turns_evenly_turns_all_poses(plain):
     np.testing.assert_allclose(after.positions, turns.apply(before.positions), atol=1e-12)
 
 
+def test_positions_are_turned_about_gravity_alone(plain):
+    truth, recording = cell(reference={"position_heading_deg": 2.0})
+    assert truth.position_heading == np.radians(2.0)
+    turn = Rotation.from_rotvec(np.radians(2.0) * truth.gravity_r / np.linalg.norm(truth.gravity_r))
+    np.testing.assert_allclose(
+        recording.reference.positions, turn.apply(plain[1].reference.positions), rtol=0, atol=1e-9
+    )
+    np.testing.assert_array_equal(recording.reference.quaternions, plain[1].reference.quaternions)
+
+
 def test_reported_poses_are_means(plain):
     """To second order: half the variance of the window, times the second derivative."""
     sd, h = 0.02, 0.0025
