@@ -38,6 +38,12 @@ _FAST = 20.0
 """Steps, in those that nine of ten do not exceed, and usual speed, m/s, that no body makes. Chosen: arms and hands move
 by a few m/s (`_QUICK`), and positions in mm show a thousand times as much."""
 
+_PLACES, _EVENLY, _MOSTLY, _OFTEN = 20, 0.9, 0.8, 0.3
+"""New positions, share of them that come after equal numbers of poses, share in which more than one coordinate changes,
+and share of the changing attitudes beside which the position does not, where positions are held: of two devices in one
+log, the slower. Chosen: coordinates with few digits change one by one, and not evenly; an arm that turns about its tool
+centre point moves it by rounding, or not at all."""
+
 _QUICK = (5.0, 10.0)
 """m/s and rad/s; steps from pose to pose that are slower than this may be motion, however large they are."""
 
@@ -70,7 +76,7 @@ def check_poses(reference: ReferencePoses, imu: Stamped) -> tuple[ReferencePoses
     if reference.quaternions is not None:
         check_finite(reference.quaternions, QUATERNION, reference)
         reference = _normalised(_without_flips(reference, warnings), warnings)
-    for choose in (_near, _tracked, _live, _fresh):
+    for choose in (_new, _near, _tracked, _live, _fresh):
         keep = choose(reference, warnings)
         if not keep.all():
             reference = reference.part(keep)
@@ -313,6 +319,40 @@ def _fresh(reference: ReferencePoses, warnings: list[DataWarning]) -> Mask:
                 "and were left out",
             )
         )
+    return keep
+
+
+def _new(reference: ReferencePoses, warnings: list[DataWarning]) -> Mask:
+    """Return the mask of the poses of which both parts are new, where one is held while the other changes.
+
+    Where neither changes the body rests, and as many are kept.
+    """
+    keep, (p, q) = np.ones(reference.stamps_ns.size, dtype=bool), (reference.positions, reference.quaternions)
+    if p is None or q is None:
+        return keep
+    for slow, fast, name in ((p, q, "positions"), (q, p, "attitudes")):
+        changes, moves = slow[1:] != slow[:-1], (fast[1:] != fast[:-1]).any(axis=1)
+        new = changes.any(axis=1)
+        at = np.flatnonzero(new) + 1
+        if at.size < _PLACES or np.count_nonzero(moves & ~new) < _OFTEN * np.count_nonzero(moves):
+            continue
+        between = np.diff(at)
+        every = int(np.median(between))
+        even = np.mean(np.abs(between - every) <= 1) > _EVENLY
+        if every < 2 or not even or np.mean(changes[at - 1].sum(axis=1) > 1) < _MOSTLY:
+            continue
+        keep[:] = False
+        keep[at] = True
+        begin, end = runs(~(moves | new))
+        for first, last in zip(begin, end, strict=True):
+            if last - first > every:
+                keep[first : last + 1 : every] = True
+        text = (
+            f"{reference.source.parent.name}: {name} are held over {every} poses, of which the others are new; only the "
+            f"{np.count_nonzero(keep)} of {keep.size} poses with new ones are used"
+        )
+        warnings.append(DataWarning("repeats", text))
+        break
     return keep
 
 
