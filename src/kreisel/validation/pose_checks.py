@@ -348,8 +348,8 @@ def _new(reference: ReferencePoses, warnings: list[DataWarning]) -> Mask:
             if last - first > every:
                 keep[first : last + 1 : every] = True
         text = (
-            f"{reference.source.parent.name}: {name} are held over {every} poses, of which the others are new; only the "
-            f"{np.count_nonzero(keep)} of {keep.size} poses with new ones are used"
+            f"{reference.source.parent.name}: {name} are held over {every} poses, of which the others are new; only "
+            f"the {np.count_nonzero(keep)} of {keep.size} poses with new ones are used"
         )
         warnings.append(DataWarning("repeats", text))
         break

@@ -69,6 +69,9 @@ _TRUE_STAMPS = 0.5
 """Slope of the readings' deviations against those that true stamps would cause: 1 if stamps are true, 0 if sampling is
 regular. Chosen: the middle."""
 
+_SURE = 5.0
+"""Deviations by which that slope of poses must be smaller. Chosen: where poses cannot tell, their stamps stay."""
+
 
 @dataclass(frozen=True)
 class _Line:
@@ -176,7 +179,9 @@ def _on_lines(
     seconds = (stamps - stamps[0]) * 1e-9
     late = np.concatenate([seconds[part] - line.stamps for part, line in lines])
     interval = float(np.median([line.interval for _, line in lines]))
-    if _spread(late) < EXACT * interval or (not certain and _samples_follow_stamps(imu, lines)):
+    if _spread(late) < EXACT * interval:
+        return imu, []
+    if not certain and _share_of_stamps(imu.rates, seconds, lines)[0] > _TRUE_STAMPS:
         return imu, []
     moved = np.concatenate([line.stamps for _, line in lines])
     ns = stamps[0] + np.round(moved * 1e9).astype(np.int64)
@@ -188,7 +193,7 @@ def _on_lines(
 
 
 def evenly_stamped(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarning]]:
-    """Return poses that come in bursts with stamps of regular sampling, and the warning about it.
+    """Return poses that come in bursts, or late by chance, with stamps of regular sampling, and the warning about it.
 
     Raises
     ------
@@ -199,10 +204,12 @@ def evenly_stamped(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarn
     steps = np.diff(seconds)
     near = steps[steps < 1.0]
     mean = float(near.mean()) if near.size else 0.0
-    begin, end = runs(steps < _BURST * mean)
-    if poses.stamps_ns.size < MIN_PART or begin.size < _BURSTS * steps.size or np.median(end - begin) > _MOST_AT_ONCE:
+    if poses.stamps_ns.size < MIN_PART or np.any(steps <= 0.0):
         return poses, []
     longest = max(_BREAK, 5.0 * mean, 1.5 * float(np.percentile(steps, 99.9)))
+    begin, end = runs(steps < _BURST * mean)
+    if begin.size < _BURSTS * steps.size or np.median(end - begin) > _MOST_AT_ONCE:
+        return _late_by_chance(poses, seconds, longest)
     lines = _of_parts(seconds, longest, _through_bursts) or _of_parts(seconds, longest, _fitted)
     moved = np.zeros(0) if lines is None else np.concatenate([line.stamps for _, line in lines])
     ns = poses.stamps_ns[0] + np.round(moved * 1e9).astype(np.int64)
@@ -212,12 +219,33 @@ def evenly_stamped(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarn
             f"{1e3 * mean:.3g} ms. These are times of arrival; record the stamps of the device that measures the poses",
             file=poses.source,
         )
+    return _on_pose_lines(poses, lines, "come in bursts")
+
+
+def _late_by_chance(poses: ReferencePoses, seconds: Array, longest: float) -> tuple[ReferencePoses, list[DataWarning]]:
+    """Return poses with stamps of regular sampling where they show that their own, of arrival, are late by chance."""
+    if _even(seconds) or poses.positions is None:
+        return poses, []
+    lines = _of_parts(seconds, longest, _fitted)
+    if lines is None or np.any(np.diff(np.concatenate([line.stamps for _, line in lines])) <= 0.0):
+        return poses, []
+    share, sd = _share_of_stamps(poses.positions, seconds, lines)
+    return (poses, []) if share + _SURE * sd > _TRUE_STAMPS else _on_pose_lines(poses, lines, "arrive late by chance")
+
+
+def _on_pose_lines(
+    poses: ReferencePoses, lines: list[tuple[slice, _Line]], how: str
+) -> tuple[ReferencePoses, list[DataWarning]]:
+    """Return poses with the stamps of lines, and the warning about it."""
+    seconds = (poses.stamps_ns - poses.stamps_ns[0]) * 1e-9
+    moved = np.concatenate([line.stamps for _, line in lines])
     late = float(np.std(moved - seconds))
     interval = float(np.median([line.interval for _, line in lines]))
     text = (
-        f"{poses.source.parent.name}: poses every {1e3 * interval:.5g} ms come in bursts; their stamps scatter about "
+        f"{poses.source.parent.name}: poses every {1e3 * interval:.5g} ms {how}; their stamps scatter about "
         f"that by {1e3 * late:.2g} ms, and a straight line through them is used instead"
     )
+    ns = poses.stamps_ns[0] + np.round(moved * 1e9).astype(np.int64)
     return replace(poses, stamps_ns=ns, lateness=late), [DataWarning("stamps", text)]
 
 
@@ -393,28 +421,35 @@ def _spread(left: Array) -> float:
     return 1.48 * float(np.median(np.abs(left - np.median(left))))
 
 
-def _samples_follow_stamps(imu: ImuSamples, lines: list[tuple[slice, _Line]]) -> bool:
-    """Return whether the readings show that samples were taken when the stamps say, unevenly.
+def _share_of_stamps(values: Array, seconds: Array, lines: list[tuple[slice, _Line]]) -> tuple[float, float]:
+    """Return the slope of what values (n, k) differ by against what true stamps would cause, and its deviation.
 
-    A reading is compared with the value that its neighbours give for its place in an even series. If it was taken
-    earlier or later, as its stamp says, it differs by the slope of the signal times that time difference.
+    A value is compared with that which its neighbours give for its place in an even series. If it was taken earlier or
+    later, as its stamp says, it differs by the slope of the signal times that time difference. Without any signal the
+    slope is zero and its deviation infinite.
     """
-    products = squares = 0.0
+    products = squares = left = 0.0
+    count = 0
     for part, line in lines:
         even = np.flatnonzero((line.number[4:] - line.number[:-4]) == 4) + 2
-        late = (imu.stamps_ns[part] - imu.stamps_ns[0]) * 1e-9 - line.stamps
+        late = seconds[part] - line.stamps
         small = np.abs(late) < line.interval
         even = even[small[even] & small[even - 1] & small[even + 1] & small[even - 2] & small[even + 2]]
         if even.size < MIN_PART:
             continue
-        for channel in imu.rates[part].T:
+        for channel in values[part].T:
             off, moved = (_off_neighbours(x, even) for x in (channel, late))
             slope = (channel[even + 1] - channel[even - 1]) / (2.0 * line.interval)
             expected = slope * moved
             clear = np.abs(expected) > np.percentile(np.abs(expected), 50)
             products += float(off[clear] @ expected[clear])
             squares += float(expected[clear] @ expected[clear])
-    return squares > 0.0 and products / squares > _TRUE_STAMPS
+            left += float(off[clear] @ off[clear])
+            count += int(np.count_nonzero(clear))
+    if squares == 0.0:
+        return 0.0, np.inf
+    share = products / squares
+    return share, float(np.sqrt(max(left - share * products, 0.0) / count / squares))
 
 
 def _off_neighbours(x: Array, at: Stamps) -> Array:

@@ -1,4 +1,4 @@
-"""Poses with stamps of arrival in bursts: those of regular sampling, or a message."""
+"""Poses with stamps of arrival, in bursts or late by chance: those of regular sampling, or a message."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -50,3 +50,36 @@ def test_bursts_at_uneven_times_are_named():
     reference = replace(reference, stamps_ns=np.unique(reference.stamps_ns))
     with pytest.raises(RecordingError, match=r"poses come in bursts: the usual step of their stamps is 0\.05 ms"):
         evenly_stamped(reference)
+
+
+def on_a_way(late: np.ndarray, taken: np.ndarray) -> ReferencePoses:
+    """Return positions of a body at 8 m/s that turns, with noise of 1 cm, at times taken and stamped later."""
+    t = 1e-9 * taken
+    p = 40.0 * np.column_stack([np.sin(0.2 * t), np.cos(0.2 * t), 0.0 * t])
+    p += 0.01 * np.random.default_rng(2).normal(size=p.shape)
+    return replace(poses(np.maximum.accumulate(taken + late) + np.arange(taken.size)), positions=p)
+
+
+def test_poses_that_arrive_late_by_chance_are_even_again():
+    taken = 100_000_000 * np.arange(1500)
+    late = np.random.default_rng(3).exponential(20e6, taken.size).astype(np.int64)
+    found, (warning,) = evenly_stamped(on_a_way(late, taken))
+    assert np.abs(np.diff(found.stamps_ns) - 100_000_000).max() < 20_000
+    assert "arrive late by chance" in warning.message
+    assert found.lateness == pytest.approx(1e-9 * np.std(late), rel=0.2)
+
+
+def test_poses_that_are_taken_unevenly_keep_their_stamps():
+    jitter = np.random.default_rng(3).exponential(20e6, 1500).astype(np.int64)
+    taken = 100_000_000 * np.arange(1500) + jitter
+    found, warnings = evenly_stamped(on_a_way(0 * taken, taken))
+    assert not warnings
+    np.testing.assert_array_equal(np.diff(found.stamps_ns), np.diff(taken) + 1)
+
+
+def test_poses_that_show_nothing_keep_their_stamps():
+    taken = 100_000_000 * np.arange(1500)
+    late = np.random.default_rng(3).exponential(20e6, taken.size).astype(np.int64)
+    reference = on_a_way(late, taken)
+    still = replace(reference, positions=np.random.default_rng(4).normal(size=reference.positions.shape))
+    assert not evenly_stamped(still)[1]
