@@ -35,7 +35,6 @@ EFFECTS = {
     "accel_scale_temperature": {"imu": {"accel_scale_temperature_sd": 2e-4, "temperature_rise": 10.0}},
     "reference_smoothing": {"reference": {"smoothing": 0.015}},
     "position_scale": {"reference": {"kind": "mocap", "position_scale_ppm": 2000.0}},
-    "position_heading": {"reference": {"kind": "mocap", "position_heading_deg": 1.0}},
     "mount_bending": {"imu": {"mount_bending_sd": 1e-4}},
     "mount_deflection": {"reference": {"kind": "mocap"}, "imu": {"mount_deflection_sd": 1e-4}},
     "robot_gears": {"errors": {"gear_eccentricity_sd": 1e-3}},
@@ -78,6 +77,18 @@ def test_an_effect_is_found_and_nothing_else_is_taken_for_it(group):
     assert outcome.verdict.accepted, outcome.verdict.reasons
     assert outcome.verdict.causes[0].name in group.split(", ")
     assert {effect.group for effect in outcome.estimate.considered if effect.included} == {*group.split(", ")}
+    assert largest(outcome, truth) < BOUND
+
+
+def test_the_heading_of_positions_is_found_where_it_is_asked_for():
+    content = {"seed": 31, "seconds": 100.0, "reference": {"kind": "mocap", "position_heading_deg": 1.0}}
+    truth, recording = simulate(Cell.model_validate(content), Path("cell"))
+    outcome = run_calibration(check_streams(recording), CalibrationSettings(estimated=["position_heading"]))
+    assert outcome.verdict.accepted, outcome.verdict.reasons
+    run, own = outcome.estimate.run, outcome.problem.layout["position_heading"]
+    (found,), (sd,) = run.parameters.stored("position_heading"), run.belief.standard_deviation[own]
+    assert sd < 5e-4
+    assert abs(found - truth.position_heading) < 3.0 * sd
     assert largest(outcome, truth) < BOUND
 
 

@@ -38,13 +38,14 @@ _ROUNDS_OF_SIZE, _SETTLED = 5, 0.3
 """Corrections of a jump or a slew at most, and deviations of a jump below which it is found. Chosen: each leaves a
 tenth."""
 
-_NO_WORSE = 1.05
+_NO_WORSE = 1.25
 """Share of the residual that lost samples leave at most. Chosen: a unit of a tray with a cubic term "lost" three, by
-which it rose to 1.6; restored ones leave less, but for what is due to other readings beside poses."""
+which it rose to 1.6. Restored ones leave less, but where a ratio of the clocks has hidden them: 1.06 before an arm."""
 
-_WHOLE = 0.95
-"""Share of the residual that losses leave by which they are preferred: whole intervals of counted stamps are no
-chance. Chosen: a jump leaves out the poses beside it, which are a little worse."""
+_WHOLE, _AT_ONCE = 0.93, 0.97
+"""Factors on the residuals that losses, and a jump, leave, by which they are preferred to a slew: whole intervals of
+counted stamps are no chance, and a jump leaves out the poses beside it, which are a little worse. Chosen: two samples
+that were lost looked like a slew of 20 s that left 0.983 of what a jump did, and a turn was lost with them."""
 
 _EQUAL_RATES = 3e-4
 """Difference of two clocks that a crystal may have."""
@@ -170,9 +171,12 @@ def repaired(comparison: Comparison) -> Comparison:
     """Return the comparison after all stages; of losses, a jump and a slew that by which the rates fit best."""
     complete, poses, slewed = without_losses(comparison), without_lost_poses(comparison), without_slew(comparison)
     jumped = without_jump(comparison)
+    if jumped is comparison and (complete or poses or slewed):
+        jumped = None  # nothing else explains it
 
     def left(one: Comparison) -> float:
-        return one.fit.residual_sd * (_WHOLE if one is complete or one is poses else 1.0)
+        share = _WHOLE if one is complete or one is poses else _AT_ONCE if one is jumped else 1.0
+        return one.fit.residual_sd * share
 
     found = min(filter(None, (complete, poses, jumped, slewed)), key=left)
     return in_stated_seconds(without_jump(found) if found is slewed and complete is None else found)

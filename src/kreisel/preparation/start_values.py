@@ -47,7 +47,8 @@ _UNKNOWN_GYRO, _UNKNOWN_ACCEL = 0.3, 2.0
 """rad/s and m/s^2; standard deviations of the offsets of an unknown IMU."""
 
 _VOLUME = 20.0
-"""m: extent of a motion from which on cameras do not see all of it. Chosen: halls with cameras have ten."""
+"""m: extent of a motion from which on cameras do not see all of it. Chosen: halls with cameras have ten; in a public
+recording within one, errors of another kind looked like a heading of 3 degrees."""
 
 _MEMS = 1e-5
 """rad/s/sqrt(Hz): gyros with more noise are micromechanical."""
@@ -212,12 +213,12 @@ def likely_effects(preparation: Preparation) -> tuple[str, ...]:
     Most inexpensive gyros of no stated grade respond to acceleration. Positions by satellites and attitudes by antennas
     or another IMU have frames that differ.
     """
-    table, noise, positions = preparation.recording.settings.imu, preparation.imu_noise, preparation.reference.positions
-    inexpensive = float(np.max(noise.observed[0])) > _MEMS
+    recording, positions = preparation.recording, preparation.reference.positions
+    inexpensive = recording.settings.imu.grade is None and float(np.max(preparation.imu_noise.observed[0])) > _MEMS
     outdoors = positions is not None and float(np.max(np.ptp(positions, axis=0))) > _VOLUME
     return (
-        *(("gyro_g_sensitivity",) if table.grade is None and inexpensive else ()),
-        *(("position_heading",) if outdoors else ()),
+        *(("gyro_g_sensitivity",) if inexpensive else ()),
+        *(("position_heading",) if outdoors and recording.reference_kind == "mocap" else ()),
     )
 
 

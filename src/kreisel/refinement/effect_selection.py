@@ -72,7 +72,7 @@ def candidates(problem: Problem) -> tuple[str, ...]:
         possible &= not group_named(group).rare or group in problem.prior.expected
         possible &= group not in OF_TEMPERATURE or _temperature_changes(problem)
         possible &= group != "position_scale" or problem.robot is None  # the arm's lengths are its own
-        possible &= group != "position_heading" or problem.noise.volume_sd > 0.0  # an arm has one frame for both
+        possible &= group != "position_heading" or group in problem.prior.likely  # one device has one frame for both
         possible &= group != "gyro_cubic" or "gyro_polynomial" not in problem.layout or order < CUBES
         possible &= group != "robot_zeros" or problem.joints > _JOINTS_OF_FRAMES
         possible &= group not in EFFECTS or has_offsets(problem, OFFSET_OF[EFFECTS[group].sensor])

@@ -332,8 +332,6 @@ def _reference() -> tuple[_Effect, ...]:
             "position_scale", "reported positions are too long",
             _sizes("reference", "position_scale_ppm", "ppm", 1.0, 50, 300, 2000), ("position_scale",),
         ),
-        _Effect("position_heading", "headings of positions and attitudes differ",
-                _sizes("reference", "position_heading_deg", "deg", 1.0, .05, .3, 2), ("position_heading",), ("mocap",)),
         _Effect("reference_smoothing", "reported poses are averaged",
                 _sizes("reference", "smoothing", "ms", MS, 3, 10, 40), ("reference_smoothing",)),
         _Effect(

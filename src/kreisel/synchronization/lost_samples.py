@@ -278,7 +278,7 @@ def _with_losses(
     for k in range(rounds):
         found = _survivors(seen, T, rise, losses=True, turned_on=turned_on, drifts=turned_on)
         factor = found.noise_factor
-        if abs(factor - 1.0) < 0.1 or k == rounds - 1:
+        if abs(factor - 1.0) < 0.1 or (k == rounds - 1 and not turned_on):
             break
         seen = replace(seen, noise=factor * seen.noise)
     if found.lost[-1] == found.lost[0]:

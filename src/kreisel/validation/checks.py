@@ -72,7 +72,7 @@ def check_streams(recording: Recording, *, moved: bool | None = None) -> Recordi
     if joints is not None:
         check_joints(joints)
     if reference is not None and joints is None:  # joint angles have the stamps of the poses
-        reference, found = evenly_stamped(reference)
+        reference, found = evenly_stamped(reference, by_arm=recording.reference_kind == "robot")
         warnings += found
     if reference is not None:
         reference, found = check_poses(reference, replace(stamped, stamps=imu.stamps_ns))

@@ -69,8 +69,9 @@ _TRUE_STAMPS = 0.5
 """Slope of the readings' deviations against those that true stamps would cause: 1 if stamps are true, 0 if sampling is
 regular. Chosen: the middle."""
 
-_SURE = 5.0
-"""Deviations by which that slope of poses must be smaller. Chosen: where poses cannot tell, their stamps stay."""
+_SURE, _SCATTER = 5.0, 0.4
+"""Deviations by which that slope of poses must be smaller, where they cannot tell their stamps stay; and scatter of
+stamps about a line, in intervals, beyond which it is not known which pose is which."""
 
 
 @dataclass(frozen=True)
@@ -192,8 +193,10 @@ def _on_lines(
     return replace(imu, stamps_ns=ns, lateness=float(np.std(late))), [_warning(imu, interval, late, lost)]
 
 
-def evenly_stamped(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarning]]:
+def evenly_stamped(poses: ReferencePoses, *, by_arm: bool = False) -> tuple[ReferencePoses, list[DataWarning]]:
     """Return poses that come in bursts, or late by chance, with stamps of regular sampling, and the warning about it.
+
+    by_arm: whether the controller of an arm stamps them, which is not late by chance.
 
     Raises
     ------
@@ -209,7 +212,7 @@ def evenly_stamped(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarn
     longest = max(_BREAK, 5.0 * mean, 1.5 * float(np.percentile(steps, 99.9)))
     begin, end = runs(steps < _BURST * mean)
     if begin.size < _BURSTS * steps.size or np.median(end - begin) > _MOST_AT_ONCE:
-        return _late_by_chance(poses, seconds, longest)
+        return (poses, []) if by_arm else _late_by_chance(poses, seconds, longest)
     lines = _of_parts(seconds, longest, _through_bursts) or _of_parts(seconds, longest, _fitted)
     moved = np.zeros(0) if lines is None else np.concatenate([line.stamps for _, line in lines])
     ns = poses.stamps_ns[0] + np.round(moved * 1e9).astype(np.int64)
@@ -224,10 +227,11 @@ def evenly_stamped(poses: ReferencePoses) -> tuple[ReferencePoses, list[DataWarn
 
 def _late_by_chance(poses: ReferencePoses, seconds: Array, longest: float) -> tuple[ReferencePoses, list[DataWarning]]:
     """Return poses with stamps of regular sampling where they show that their own, of arrival, are late by chance."""
-    if _even(seconds) or poses.positions is None:
+    if _even(seconds) or poses.positions is None or (lines := _of_parts(seconds, longest, _fitted)) is None:
         return poses, []
-    lines = _of_parts(seconds, longest, _fitted)
-    if lines is None or np.any(np.diff(np.concatenate([line.stamps for _, line in lines])) <= 0.0):
+    moved = np.concatenate([line.stamps for _, line in lines])
+    usual = min(line.interval for _, line in lines)
+    if np.any(np.diff(moved) <= 0.0) or np.std(seconds - moved) > _SCATTER * usual:
         return poses, []
     share, sd = _share_of_stamps(poses.positions, seconds, lines)
     return (poses, []) if share + _SURE * sd > _TRUE_STAMPS else _on_pose_lines(poses, lines, "arrive late by chance")

@@ -39,7 +39,7 @@ def test_effects_that_the_program_may_estimate_have_their_names():
     named = {cause for s in situations() for cause in s.causes}
     assert {
         "gyro_g_sensitivity", "gyro_asymmetry", "accel_asymmetry", "gyro_polynomial", "accel_polynomial",
-        "accel_delay", "accel_smoothing", "position_scale", "position_heading", "reference_smoothing", "mount_bending",
+        "accel_delay", "accel_smoothing", "position_scale", "reference_smoothing", "mount_bending",
         "mount_deflection", "robot_gears", "robot_compliance",
         "robot_placement",
     } <= named  # fmt: skip
