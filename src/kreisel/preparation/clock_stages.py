@@ -171,14 +171,13 @@ def repaired(comparison: Comparison) -> Comparison:
     """Return the comparison after all stages; of losses, a jump and a slew that by which the rates fit best."""
     complete, poses, slewed = without_losses(comparison), without_lost_poses(comparison), without_slew(comparison)
     jumped = without_jump(comparison)
-    if jumped is comparison and (complete or poses or slewed):
-        jumped = None  # nothing else explains it
+    explained = [one for one in (complete, poses, slewed, jumped) if one is not None and one is not comparison]
 
     def left(one: Comparison) -> float:
         share = _WHOLE if one is complete or one is poses else _AT_ONCE if one is jumped else 1.0
         return one.fit.residual_sd * share
 
-    found = min(filter(None, (complete, poses, jumped, slewed)), key=left)
+    found = min(explained, key=left, default=comparison)
     return in_stated_seconds(without_jump(found) if found is slewed and complete is None else found)
 
 
