@@ -18,7 +18,7 @@ from kreisel.array.left_out import in_words, reason_of
 from kreisel.array.lower_rate import smoothed, window_for
 from kreisel.array.mean_imu import MIN_EXPLAINED
 from kreisel.array.odd_unit import OddUnit, odd_unit
-from kreisel.array.resampled import Resampled, clipped_samples, resampled, silenced_samples, white_noise
+from kreisel.array.resampled import Resampled, clipped_samples, resampled, white_noise
 from kreisel.array.rest_density import Standstills, standstills
 from kreisel.array.sudden_change import SuddenChange, sudden_change
 from kreisel.array.unit_clock import clock_of
@@ -31,6 +31,7 @@ from kreisel.inertial.slopes import LONGEST_GAP, REACH, local_cubics, usual_inte
 from kreisel.progress import StepProgress
 from kreisel.recording.recording import ImuSamples, Stamps
 from kreisel.synchronization.clock import Clock
+from kreisel.validation.imu_checks import silenced_samples
 from kreisel.validation.masking import without_spikes
 
 MAX_TURNED = 0.02

@@ -13,10 +13,6 @@ from kreisel.inertial.slopes import LONGEST_GAP, usual_interval
 from kreisel.recording.recording import ImuSamples
 from kreisel.synchronization.clock import Clock
 
-_SILENCED, _STEPS = 0.01, 3.0
-"""Share of samples whose rates are all zero, and steps of the readings that others are larger than at least, where a
-device sets them so. Chosen: rounding makes zeros of less than half a step."""
-
 _CLIPPED = 3
 """Equal readings at an end of the range, and next to each other, from which on they count as clipped. Chosen: noise
 rarely gives the largest reading thrice; a device at its limit always does."""
@@ -88,20 +84,6 @@ def clipped_samples(values: Array) -> Mask:
         if int(at_end.sum()) >= _CLIPPED and runs.any():
             out |= at_end
     return out
-
-
-def silenced_samples(rates: Array) -> Mask:
-    """Return which samples (n, 3) are rates that a device set to zero while they were small, (n,).
-
-    Those that are zero by rounding have others beside them that are one step.
-    """
-    zero = (rates == 0.0).all(axis=1)
-    if zero.all() or zero.mean() < _SILENCED:
-        return np.zeros(zero.size, dtype=bool)
-    sizes = np.unique(np.abs(rates[~zero]))
-    step = np.diff(sizes).min(initial=np.inf)
-    least = float(np.abs(rates[~zero]).max(axis=1).min())
-    return zero if least > _STEPS * step else np.zeros(zero.size, dtype=bool)
 
 
 def white_noise(values: Array) -> Array:

@@ -13,19 +13,25 @@ from itertools import combinations
 import numpy as np
 
 from kreisel.errors import RecordingError
-from kreisel.geometry.rotation import Array, lengths
+from kreisel.geometry.rotation import Array, Mask, lengths
 from kreisel.recording.header import COLDEST, HOTTEST, UNITS
-from kreisel.recording.location import header_fault, wrong_unit
+from kreisel.recording.location import at, header_fault, wrong_unit
 from kreisel.recording.recording import DataWarning, ImuSamples, excerpt
 from kreisel.units import STANDARD_GRAVITY
 from kreisel.validation.finite_values import check_finite
-from kreisel.validation.masking import CHANNELS, without_faults, without_repeats
+from kreisel.validation.masking import CHANNELS, part_of, without_faults, without_repeats
+from kreisel.validation.stamp_checks import runs
 
 _SPIKED = 1e-3
 """Share of readings of a dead channel that may be spikes of the line. Chosen: one that works changes more often."""
 
 _LOOKED_AT = 1000
 """Readings that show which one is usual. Chosen: spikes are one in a thousand at most."""
+
+
+_SILENCED, _STEPS = 0.01, 3.0
+"""Share of samples whose rates are all zero, and steps of the readings that others are larger than at least, where a
+device sets them so. Chosen: rounding makes zeros of less than half a step."""
 
 
 def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWarning]]:
@@ -45,7 +51,7 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
     check_temperature(imu)
     _check_filled(imu)
     check_gravity(imu)
-    warnings: list[DataWarning] = []
+    imu, warnings = _without_silenced(imu) if moved else (imu, [])
     with _as_warnings(warnings, moved=moved):
         check_dead(imu, moved=moved)
     with _as_warnings(warnings, moved=moved):
@@ -53,6 +59,35 @@ def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWar
     imu, masked = without_faults(imu, moved=moved)
     imu, repeated = without_repeats(imu)
     return imu, [*warnings, *masked, *repeated]
+
+
+def silenced_samples(rates: Array) -> Mask:
+    """Return which samples (n, 3) are rates that a device set to zero while they were small, (n,).
+
+    Those that are zero by rounding have others beside them that are one step.
+    """
+    zero = (rates == 0.0).all(axis=1)
+    if zero.all() or zero.mean() < _SILENCED:
+        return np.zeros(zero.size, dtype=bool)
+    sizes = np.unique(np.abs(rates[~zero]))
+    step = np.diff(sizes).min(initial=np.inf)
+    least = float(np.abs(rates[~zero]).max(axis=1).min())
+    return zero if least > _STEPS * step else np.zeros(zero.size, dtype=bool)
+
+
+def _without_silenced(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
+    """Return the samples without those whose rates the device set to zero: the offsets are not those of its motion."""
+    zero = silenced_samples(imu.rates)
+    if not zero.any():
+        return imu, []
+    begin, end = runs(zero)
+    longest = 1e-9 * float(np.max(imu.stamps_ns[end - 1] - imu.stamps_ns[begin]))
+    text = (
+        f"{imu.source.parent.name}: all gyros read exactly 0 in {zero.mean():.0%} of the samples, for up to "
+        f"{longest:.2g} s, first at {at(imu.source, imu.row_of(int(begin[0])))}: the device silences them at rest, which "
+        "hides their offsets; these samples are not used"
+    )
+    return part_of(imu, ~zero), [DataWarning("silenced", text)]
 
 
 def check_readings(imu: ImuSamples) -> None:
