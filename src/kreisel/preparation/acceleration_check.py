@@ -107,7 +107,7 @@ def _fit(regressor: Array, reference: Array, gravity: float, noise: float = 0.0)
     if inverse < 0.0 if signed else np.trace(x[:9].reshape(3, 3)) < 0.0:
         x, inverse = -x, -inverse
     moved = regressor @ x[:15]
-    agreement, amplitude = _agreement(moved, reference, weight, noise)
+    agreement, amplitude = _agreement(moved, reference, noise)
     high = 1.0 / (inverse - 3.0 * inverse_sd) if inverse > 5.0 * inverse_sd and fit.sure else np.inf
     return AccelerationFit(
         K_a=x[:9].reshape(3, 3),
@@ -179,13 +179,8 @@ def _min_scale(regressor: Array, reference: Array, weight: Array, gravity: float
     return (size if least > gravity else least) / gravity
 
 
-def _agreement(predicted: Array, reference: Array, weight: Array, noise: float = 0.0) -> tuple[float, float]:
-    """Return agreement and size, (windows, 3) each, of which some have little weight: steps of the positions, say."""
-    predicted, reference = (x - np.average(x, axis=0, weights=weight) for x in (predicted, reference))
-
-    def mean_square(x: Array) -> float:
-        return float(np.average(np.mean(x**2, axis=1), weights=weight))
-
-    differ = max(mean_square(predicted - reference) - noise, 0.0)
-    squares = mean_square(predicted), max(mean_square(reference) - noise, 0.0)
+def _agreement(predicted: Array, reference: Array, noise: float = 0.0) -> tuple[float, float]:
+    predicted, reference = predicted - predicted.mean(axis=0), reference - reference.mean(axis=0)
+    differ = max(float(np.mean((predicted - reference) ** 2)) - noise, 0.0)
+    squares = float(np.mean(predicted**2)), max(float(np.mean(reference**2)) - noise, 0.0)
     return 1.0 - differ / max(sum(squares), 1e-30), float(np.sqrt(max(squares)))

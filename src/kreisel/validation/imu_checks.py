@@ -33,6 +33,9 @@ _SILENCED, _STEPS = 0.01, 3.0
 """Share of samples whose rates are all zero, and steps of the readings that others are larger than at least, where a
 device sets them so. Chosen: rounding makes zeros of less than half a step."""
 
+_NOISY = 0.5
+"""Share of such samples in which the accelerations change, as by noise."""
+
 
 def check_imu(imu: ImuSamples, *, moved: bool) -> tuple[ImuSamples, list[DataWarning]]:
     """Return the samples without those that show no motion or repeat the one before, and the warnings about them.
@@ -78,14 +81,15 @@ def silenced_samples(rates: Array) -> Mask:
 def _without_silenced(imu: ImuSamples) -> tuple[ImuSamples, list[DataWarning]]:
     """Return the samples without those whose rates the device set to zero: the offsets are not those of its motion."""
     zero = silenced_samples(imu.rates)
-    if not zero.any():
+    changes = (np.diff(imu.accelerations, axis=0) != 0.0).any(axis=1)
+    if not zero.any() or np.mean(changes[zero[1:]]) < _NOISY:  # readings without noise repeat at rest
         return imu, []
     begin, end = runs(zero)
     longest = 1e-9 * float(np.max(imu.stamps_ns[end - 1] - imu.stamps_ns[begin]))
     text = (
         f"{imu.source.parent.name}: all gyros read exactly 0 in {zero.mean():.0%} of the samples, for up to "
-        f"{longest:.2g} s, first at {at(imu.source, imu.row_of(int(begin[0])))}: the device silences them at rest, which "
-        "hides their offsets; these samples are not used"
+        f"{longest:.2g} s, first at {at(imu.source, imu.row_of(int(begin[0])))}: the device silences them at rest, "
+        "which hides their offsets; these samples are not used"
     )
     return part_of(imu, ~zero), [DataWarning("silenced", text)]
 
