@@ -207,7 +207,7 @@ def evenly_stamped(poses: ReferencePoses, *, by_arm: bool = False) -> tuple[Refe
     steps = np.diff(seconds)
     near = steps[steps < 1.0]
     mean = float(near.mean()) if near.size else 0.0
-    if poses.stamps_ns.size < MIN_PART or np.any(steps <= 0.0):
+    if poses.stamps_ns.size < MIN_PART:
         return poses, []
     longest = max(_BREAK, 5.0 * mean, 1.5 * float(np.percentile(steps, 99.9)))
     begin, end = runs(steps < _BURST * mean)
@@ -227,7 +227,9 @@ def evenly_stamped(poses: ReferencePoses, *, by_arm: bool = False) -> tuple[Refe
 
 def _late_by_chance(poses: ReferencePoses, seconds: Array, longest: float) -> tuple[ReferencePoses, list[DataWarning]]:
     """Return poses with stamps of regular sampling where they show that their own, of arrival, are late by chance."""
-    if _even(seconds) or poses.positions is None or (lines := _of_parts(seconds, longest, _fitted)) is None:
+    if _even(seconds) or poses.positions is None or np.any(np.diff(seconds) <= 0.0):
+        return poses, []
+    if (lines := _of_parts(seconds, longest, _fitted)) is None:
         return poses, []
     moved = np.concatenate([line.stamps for _, line in lines])
     usual = min(line.interval for _, line in lines)
