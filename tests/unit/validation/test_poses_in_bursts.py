@@ -25,9 +25,10 @@ def arrived(count: int, at_once: int, gap: int = 60_000) -> np.ndarray:
     return 10**12 + last + delay + gap * (number % at_once)
 
 
-@pytest.mark.parametrize("at_once", [2, 3, 4, 7])
-def test_poses_that_come_several_at_once_are_even_again(at_once):
-    reference = poses(arrived(4000, at_once))
+@pytest.mark.parametrize(("at_once", "gap"), [(2, 60_000), (3, 60_000), (4, 60_000), (7, 60_000), (4, 0)])
+def test_poses_that_come_several_at_once_are_even_again(at_once, gap):
+    """Also several with one stamp."""
+    reference = poses(arrived(4000, at_once, gap))
     found, (warning,) = evenly_stamped(reference)
     steps = np.diff(found.stamps_ns)
     assert np.abs(steps - STEP).max() < 2_000
