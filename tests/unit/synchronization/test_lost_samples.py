@@ -9,11 +9,15 @@ import pytest
 
 from kreisel.errors import SynchronizationError
 from kreisel.model.calibration_settings import CalibrationSettings
+from kreisel.preparation import clock_stages
+from kreisel.preparation.comparison import compare
 from kreisel.preparation.plausibility import check_start_values
 from kreisel.preparation.prepare import prepare_recording
 from kreisel.simulation.cell import simulate
 from kreisel.simulation.cell_settings import Cell
 from kreisel.study.situations import random_situation
+from kreisel.synchronization.lost_samples import LostSamples
+from kreisel.tasks import sequential
 from kreisel.validation.checks import check_streams
 
 SECONDS, INTERVAL = 60.0, 5_000_000
@@ -110,3 +114,16 @@ def test_a_clock_that_jumps_has_lost_nothing():
     poses = r.reference
     jumped = poses.stamps_ns + 15_000_000 * (poses.seconds > 31.0)
     assert told(prepared(check_streams(replace(r, reference=replace(poses, stamps_ns=jumped))))) == []
+
+
+def test_losses_by_which_the_rates_fit_worse_are_none(monkeypatch):
+    """A search that names places where nothing was lost: the ratio of the clocks gets farther from one by them."""
+    before = compare(check_streams(complete()), complete().reference, sequential)
+    places = np.array([2500, 5200, 7100, 9000])
+    seconds = before.recording.imu.seconds[places]
+    false = LostSamples(places, np.ones(4, dtype=np.int64), INTERVAL, np.column_stack([seconds - 0.5, seconds + 0.5]))
+    first = before.recording.imu
+    monkeypatch.setattr(clock_stages, "find_lost_samples", lambda imu, *_: false if imu is first else None)
+    worse = before.of(replace(before.recording, imu=false.restored(before.recording.imu)))
+    assert worse.fit.residual_sd > before.fit.residual_sd
+    assert clock_stages.without_losses(before) is None
