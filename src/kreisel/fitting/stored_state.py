@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from kreisel.estimation.belief import Belief
-from kreisel.geometry.rotation import Array, lengths
+from kreisel.geometry.rotation import Array
 from kreisel.model.groups import group_named
 from kreisel.model.parameters import GROUPS, CellParameters
 from kreisel.model.problem import Problem
@@ -18,8 +18,8 @@ _ATTITUDE_SD, _POSITION_SD, _VELOCITY_SD = 0.02, 0.02, 0.3
 _TIMES, _FARTHEST = 3.0, 0.2
 """Deviations of a pose's noise from which on the start is as uncertain, and largest deviation of its attitude, rad."""
 
-_SLOPE, _SPEED = 0.1, 1.0
-"""s: least time over which `reported_poses.pose_near` takes a velocity, and that over which speeds are taken here."""
+_SLOPE = 0.1
+"""s: least time over which `reported_poses.pose_near` takes a velocity."""
 
 _FRAME = 0.05
 """Rotation and scale of the positions' frame, rad and relative, which move the first position of cameras and satellites
@@ -38,17 +38,14 @@ def stored_state(problem: Problem, parameters: CellParameters) -> Array:
 def navigation_deviations(problem: Problem) -> dict[str, float]:
     """Return the deviations of attitude (rad), velocity (m/s) and position (m) where navigation starts at a pose."""
     reference, noise = problem.reference, problem.noise.reference
-    positions = reference.positions
     attitude = min(max(_ATTITUDE_SD, _TIMES * noise.orientation), _FARTHEST)
-    if positions is None:
+    if reference.positions is None:
         return {"attitude": attitude, "velocity": _VELOCITY_SD, "position": _POSITION_SD}
     velocity = _TIMES * math.sqrt(2.0) * noise.position / max(_SLOPE, reference.interval)
     position = _TIMES * noise.position
     if problem.noise.volume_sd > 0.0:
-        position = max(position, _FRAME * float(np.max(np.ptp(positions, axis=0))))
-        apart, seconds = max(1, round(_SPEED / reference.interval)), reference.seconds
-        speed = lengths(positions[apart:] - positions[:-apart]) / (seconds[apart:] - seconds[:-apart])
-        velocity = max(velocity, _FRAME * float(np.max(speed, initial=0.0)))
+        position = max(position, _FRAME * reference.extent)
+        velocity = max(velocity, _FRAME * reference.fastest)
     return {
         "attitude": attitude, "velocity": max(_VELOCITY_SD, velocity), "position": max(_POSITION_SD, position),
     }  # fmt: skip

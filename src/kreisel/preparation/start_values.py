@@ -213,9 +213,9 @@ def likely_effects(preparation: Preparation) -> tuple[str, ...]:
     Most inexpensive gyros of no stated grade respond to acceleration. Positions by satellites and attitudes by antennas
     or another IMU have frames that differ.
     """
-    recording, positions = preparation.recording, preparation.reference.positions
+    recording = preparation.recording
     inexpensive = recording.settings.imu.grade is None and float(np.max(preparation.imu_noise.observed[0])) > _MEMS
-    outdoors = positions is not None and float(np.max(np.ptp(positions, axis=0))) > _VOLUME
+    outdoors = preparation.reference.extent > _VOLUME
     return (
         *(("gyro_g_sensitivity",) if inexpensive else ()),
         *(("position_heading",) if outdoors and recording.reference_kind == "mocap" else ()),

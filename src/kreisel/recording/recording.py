@@ -185,6 +185,20 @@ class ReferencePoses:
         """Usual time between two poses, s."""
         return float(np.median(np.diff(self.stamps_ns))) * 1e-9
 
+    @cached_property
+    def extent(self) -> float:
+        """Largest extent of the positions along an axis, m; 0 without positions."""
+        return 0.0 if self.positions is None else float(np.max(np.ptp(self.positions, axis=0)))
+
+    @cached_property
+    def fastest(self) -> float:
+        """Largest speed by the positions over a second, m/s; 0 without positions."""
+        if self.positions is None:
+            return 0.0
+        apart = max(1, round(1.0 / self.interval))
+        way = np.linalg.norm(self.positions[apart:] - self.positions[:-apart], axis=1)
+        return float(np.max(way / (self.seconds[apart:] - self.seconds[:-apart]), initial=0.0))
+
     def with_quaternions(self, quaternions: Array) -> ReferencePoses:
         """Return the poses with other quaternions."""
         return replace(self, quaternions=quaternions)
