@@ -214,15 +214,14 @@ def evenly_stamped(poses: ReferencePoses, *, by_arm: bool = False) -> tuple[Refe
     if begin.size < _BURSTS * steps.size or np.median(end - begin) > _MOST_AT_ONCE:
         return (poses, []) if by_arm else _late_by_chance(poses, seconds, longest)
     lines = _of_parts(seconds, longest, _through_bursts) or _of_parts(seconds, longest, _fitted)
-    moved = np.zeros(0) if lines is None else np.concatenate([line.stamps for _, line in lines])
-    ns = poses.stamps_ns[0] + np.round(moved * 1e9).astype(np.int64)
-    if lines is None or np.any(np.diff(ns) <= 0):
+    found = None if lines is None else _on_pose_lines(poses, lines, "come in bursts")
+    if found is None:
         raise RecordingError(
             f"poses come in bursts: the usual step of their stamps is {1e3 * float(np.median(steps)):.3g} ms, the mean "
             f"{1e3 * mean:.3g} ms. These are times of arrival; record the stamps of the device that measures the poses",
             file=poses.source,
         )
-    return _on_pose_lines(poses, lines, "come in bursts")
+    return found
 
 
 def _late_by_chance(poses: ReferencePoses, seconds: Array, longest: float) -> tuple[ReferencePoses, list[DataWarning]]:
@@ -231,27 +230,28 @@ def _late_by_chance(poses: ReferencePoses, seconds: Array, longest: float) -> tu
         return poses, []
     if (lines := _of_parts(seconds, longest, _fitted)) is None:
         return poses, []
-    moved = np.concatenate([line.stamps for _, line in lines])
-    usual = min(line.interval for _, line in lines)
-    if np.any(np.diff(moved) <= 0.0) or np.std(seconds - moved) > _SCATTER * usual:
+    found = _on_pose_lines(poses, lines, "arrive late by chance")
+    if found is None or found[0].lateness > _SCATTER * min(line.interval for _, line in lines):
         return poses, []
     share, sd = _share_of_stamps(poses.positions, seconds, lines)
-    return (poses, []) if share + _SURE * sd > _TRUE_STAMPS else _on_pose_lines(poses, lines, "arrive late by chance")
+    return (poses, []) if share + _SURE * sd > _TRUE_STAMPS else found
 
 
 def _on_pose_lines(
     poses: ReferencePoses, lines: list[tuple[slice, _Line]], how: str
-) -> tuple[ReferencePoses, list[DataWarning]]:
-    """Return poses with the stamps of lines, and the warning about it."""
+) -> tuple[ReferencePoses, list[DataWarning]] | None:
+    """Return poses with the stamps of lines, and the warning about it; None where these do not ascend."""
     seconds = (poses.stamps_ns - poses.stamps_ns[0]) * 1e-9
     moved = np.concatenate([line.stamps for _, line in lines])
+    ns = poses.stamps_ns[0] + np.round(moved * 1e9).astype(np.int64)
+    if np.any(np.diff(ns) <= 0):
+        return None
     late = float(np.std(moved - seconds))
     interval = float(np.median([line.interval for _, line in lines]))
     text = (
         f"{poses.source.parent.name}: poses every {1e3 * interval:.5g} ms {how}; their stamps scatter about "
         f"that by {1e3 * late:.2g} ms, and a straight line through them is used instead"
     )
-    ns = poses.stamps_ns[0] + np.round(moved * 1e9).astype(np.int64)
     return replace(poses, stamps_ns=ns, lateness=late), [DataWarning("stamps", text)]
 
 
