@@ -252,9 +252,8 @@ def find_lost_poses(
     if not _is_uneven(fit, T) and fit.clock.skew < _FASTEST_CRYSTAL + 3.0 * fit.clock.skew_sd:
         return None
     seen = _difference(readings, reference, fit, losses=False)
-    # the matrix is that of clocks which do not run evenly: its errors are no noise, which would hide the losses
     rise = fit.clock.skew - skew
-    path = _with_losses(replace(seen, rate=-seen.rate), seen, T, rise, turned_on=False, rounds=1)
+    path = _with_losses(replace(seen, rate=-seen.rate), seen, T, rise, turned_on=False)
     if path is None:
         return None
     found, seen = path
@@ -267,7 +266,7 @@ def find_lost_poses(
 
 
 def _with_losses(
-    seen: _Difference, slower: _Difference, T: float, rise: float, *, turned_on: bool, rounds: int = _ROUNDS
+    seen: _Difference, slower: _Difference, T: float, rise: float, *, turned_on: bool
 ) -> tuple[_Path, _Difference] | None:
     """Return the path of least cost with losses, and the differences with the noise found; None if there are none.
 
@@ -275,10 +274,11 @@ def _with_losses(
     """
     if seen.tau.size < 50 or seen.tau.size * _states(seen, T, rise) > _MAX_WORK:
         return None
-    for k in range(rounds):
+    for _ in range(_ROUNDS):
         found = _survivors(seen, T, rise, losses=True, turned_on=turned_on, drifts=turned_on)
         factor = found.noise_factor
-        if abs(factor - 1.0) < 0.1 or (k == rounds - 1 and not turned_on):
+        # of poses, the matrix is that of uneven clocks: its errors are no noise, which would hide the losses
+        if not turned_on or abs(factor - 1.0) < 0.1:
             break
         seen = replace(seen, noise=factor * seen.noise)
     if found.lost[-1] == found.lost[0]:
