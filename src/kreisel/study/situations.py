@@ -332,8 +332,10 @@ def _reference() -> tuple[_Effect, ...]:
             "position_scale", "reported positions are too long",
             _sizes("reference", "position_scale_ppm", "ppm", 1.0, 50, 300, 2000), ("position_scale",),
         ),
-        _Effect("reference_smoothing", "reported poses are averaged",
-                _sizes("reference", "smoothing", "ms", MS, 3, 10, 40), ("reference_smoothing",)),
+        _Effect(
+            "reference_smoothing", "reported poses are averaged",
+            _sizes("reference", "smoothing", "ms", MS, 3, 10, 40), ("reference_smoothing",),
+        ),
         _Effect(
             "mount_bending", "the mount bends with the force",
             _sizes("imu", "mount_bending_sd", "mrad/g", MRAD / STANDARD_GRAVITY, 0.05, 0.3, 2), ("mount_bending",),
